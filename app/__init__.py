@@ -1,0 +1,1 @@
+"""Alight: lands a PX4 multirotor on a printed landmark."""

@@ -1,0 +1,333 @@
+"""Configuration: TOML files read into frozen models, every key with its unit in its name, its range and a meaning.
+
+Files name other files (camera, pad) relative to themselves. An error names the file, the key, the value and what to do.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from app.errors import ConfigError
+from app.landmark import ContourSpec, Landmark, Shape, build_landmark
+
+Address = Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin|tcpout|serial|serial_flowcontrol)://\S+$")]
+Vector = tuple[float, float, float]
+
+
+class Section(BaseModel):
+    """A table of a configuration file: unknown keys are errors, values don't change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+# ------------------------------------------------------------------------------------------------------------ pads
+class ContourConfig(Section):
+    """One contour of a pad, outermost first."""
+
+    shape: Shape
+    area_ratio: float = Field(gt=0.0, le=1.0, description="its area over the outermost's")
+    offset_forward_cm: float = Field(default=0.0, ge=-500, le=500, description="moved from where equal gaps place it")
+    offset_right_cm: float = Field(default=0.0, ge=-500, le=500)
+
+
+class PadConfig(Section):
+    """A pad file: configs/pads/*.toml."""
+
+    name: str
+    size_cm: float = Field(ge=2.0, le=2000.0, description="side of the outermost contour")
+    quiet_zone_cm: float | None = Field(
+        default=None, ge=2.0, le=2500.0, description="side of the white square round it"
+    )
+    contour: tuple[ContourConfig, ...] = Field(min_length=2, max_length=12)
+
+    def landmark(self, size_cm: float | None = None) -> Landmark:
+        """The landmark that the file describes, at another size if one is given (the quiet zone scales with it)."""
+        size = self.size_cm if size_cm is None else size_cm
+        zone = None if self.quiet_zone_cm is None else self.quiet_zone_cm * size / self.size_cm / 100.0
+        scale = size / self.size_cm / 100.0
+        specs = tuple(
+            ContourSpec(c.shape, c.area_ratio, c.offset_forward_cm * scale, c.offset_right_cm * scale)
+            for c in self.contour
+        )
+        return build_landmark(self.name, size / 100.0, specs, zone)
+
+
+# --------------------------------------------------------------------------------------------------------- cameras
+class LensConfig(Section):
+    """A camera file: configs/cameras/*.toml. Pixel centres are at whole numbers."""
+
+    model: Literal["pinhole", "equidistant"]
+    width_px: int = Field(ge=64, le=8192)
+    height_px: int = Field(ge=64, le=8192)
+    fx_px: float = Field(gt=0, le=50000, description="pinhole: pixels per unit tangent; equidistant: per radian")
+    fy_px: float = Field(gt=0, le=50000)
+    cx_px: float = Field(description="principal point, to the right")
+    cy_px: float = Field(description="principal point, down")
+    distortion: tuple[float, ...] = Field(
+        default=(),
+        description="pinhole: k1 k2 p1 p2 k3 as OpenCV; equidistant: k1 k2 k3 k4 as OpenCV's fisheye; empty for none",
+    )
+
+    @model_validator(mode="after")
+    def _right_count(self) -> LensConfig:
+        allowed = (0, 4, 5) if self.model == "pinhole" else (0, 4)
+        if len(self.distortion) not in allowed:
+            raise ValueError(f"a {self.model} lens takes {' or '.join(map(str, allowed))} distortion coefficients")
+        return self
+
+
+class CameraConfig(Section):
+    """[camera]: which driver gives the frames, through which lens, and how it is mounted."""
+
+    driver: Literal["picamera2", "opencv", "synthetic"]
+    lens: str = Field(description="camera file, relative to this one")
+    source: str = Field(default="", description="opencv: device number, file or URL; synthetic: set by the program")
+    frame_rate_hz: float = Field(default=30.0, ge=1.0, le=240.0)
+    exposure_max_ms: float = Field(default=8.0, gt=0.0, le=100.0, description="picamera2: longest exposure")
+    mount_yaw_deg: float = Field(default=0.0, ge=-180, le=180, description="0: image top is forward; 90: right")
+    mount_pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks forward of down")
+    mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks left of down")
+    position_body_m: Vector = Field(default=(0.0, 0.0, 0.05), description="forward, right, down of the body origin")
+    latency_s: float = Field(default=0.0, ge=0.0, le=1.0, description="subtracted from arrival where no sensor time is")
+
+
+# ------------------------------------------------------------------------------------------------------------ links
+class AutopilotConfig(Section):
+    """[autopilot]: the MAVLink connection to PX4."""
+
+    address: Address = "udpin://127.0.0.1:14540"
+    connect_timeout_s: float = Field(default=15.0, gt=0, le=600)
+    telemetry_rate_hz: float = Field(default=100.0, ge=10, le=250)
+    setpoint_rate_hz: float = Field(default=50.0, ge=5, le=100)
+    action_timeout_s: float = Field(default=5.0, gt=0, le=30)
+
+
+class OperatorConfig(Section):
+    """[operator]: where the phone's commands come in. Empty: through the autopilot's own link."""
+
+    address: Address | Literal[""] = "udpin://127.0.0.1:14590"
+
+
+# ------------------------------------------------------------------------------------------------------- the logic
+class VisionConfig(Section):
+    """[vision]: the paper's pipeline."""
+
+    method: Literal["pnp", "paper"] = "pnp"
+    blur_sigma_px: float = Field(default=0.8, ge=0, le=5, description="Gaussian before the threshold; 0 for none")
+    otsu_band: int = Field(default=60, ge=1, le=255, description="ROI threshold is taken if this near the global one")
+    misses_before_sweep: int = Field(default=2, ge=0, le=100)
+    sweep_from: int = Field(default=70, ge=1, le=254)
+    sweep_to: int = Field(default=190, ge=1, le=254)
+    sweep_step: int = Field(default=30, ge=1, le=128)
+    sweeps_before_wide: int = Field(default=2, ge=1, le=100)
+    wide_from: int = Field(default=20, ge=1, le=254)
+    wide_to: int = Field(default=240, ge=1, le=254)
+    wide_step: int = Field(default=10, ge=1, le=128)
+    wide_sweeps_before_lost: int = Field(default=2, ge=1, le=100)
+    min_side_px: float = Field(default=10.0, ge=4, le=200, description="shortest side of the outermost seen contour")
+    min_score: float = Field(default=0.6, ge=0, le=1)
+
+
+class EstimationConfig(Section):
+    """[estimation]: the target estimator."""
+
+    acceleration_m_s2: float = Field(default=1.0, gt=0, le=20, description="pad's random acceleration, 1 sigma")
+    gate_sigma: float = Field(default=4.0, ge=1, le=20)
+    rejections_before_restart: int = Field(default=8, ge=1, le=100)
+    fixes_before_confident: int = Field(default=5, ge=1, le=100)
+    history_s: float = Field(default=2.0, gt=0.1, le=30, description="length of the vehicle pose history")
+
+
+class GuidanceConfig(Section):
+    """[guidance]: the velocity controller."""
+
+    position_gain_1_s: float = Field(default=1.0, gt=0, le=5)
+    speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
+    closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")
+    acceleration_max_m_s2: float = Field(default=3.0, gt=0, le=10)
+    climb_speed_m_s: float = Field(default=1.0, gt=0, le=5)
+    descend_speed_m_s: float = Field(default=0.8, gt=0, le=3, description="inside the cone, high up")
+    touchdown_speed_m_s: float = Field(default=0.6, gt=0, le=1.0, description="below the commit height")
+    yaw_rate_max_deg_s: float = Field(default=45.0, gt=0, le=180)
+    align_yaw: bool = Field(default=True, description="turn to the pad's heading")
+    actuation_delay_s: float = Field(default=0.2, ge=0, le=1, description="the track is predicted this far ahead")
+    velocity_lag_s: float = Field(default=0.5, ge=0, le=2, description="the vehicle's first order lag in velocity")
+    cone_height_m: float = Field(default=3.0, gt=0, le=50, description="the paper's cone: 3 m high, 6 m across")
+    cone_radius_m: float = Field(default=3.0, gt=0, le=50)
+    touchdown_radius_m: float = Field(default=0.10, gt=0, le=2, description="radius of the cone at the commit height")
+    commit_height_m: float = Field(default=0.45, gt=0, le=3)
+    commit_speed_m_s: float = Field(default=0.4, gt=0, le=3, description="largest speed relative to the pad at commit")
+    search_spacing_m: float = Field(default=3.0, gt=0, le=50, description="between the lines of the expanding square")
+    search_radius_m: float = Field(default=15.0, gt=0, le=500)
+    search_speed_m_s: float = Field(default=2.0, gt=0, le=15)
+
+
+class MissionConfig(Section):
+    """[mission]: heights, times and tries of the state machine."""
+
+    search_height_m: float = Field(default=4.0, ge=0.5, le=100)
+    hover_height_m: float = Field(default=2.5, ge=0.5, le=50)
+    track_height_m: float = Field(default=2.5, ge=0.5, le=50, description="the paper tracks the car at 2.5 m")
+    track_time_before_land_s: float = Field(default=4.0, ge=0, le=600, description="a settled track before a landing")
+    takeoff_timeout_s: float = Field(default=30.0, gt=0, le=300)
+    search_timeout_s: float = Field(default=120.0, gt=0, le=3600)
+    hover_timeout_s: float = Field(default=30.0, gt=0, le=600, description="to settle over the pad")
+    land_timeout_s: float = Field(default=60.0, gt=0, le=600, description="from the start of a descent")
+    landing_tries: int = Field(default=3, ge=1, le=20)
+    abort_action: Literal["hold", "return", "land"] = "return"
+    failure_action: Literal["hold", "return", "land"] = "hold"
+
+
+class SafetyConfig(Section):
+    """[safety]: limits that turn into verdicts."""
+
+    track_stale_s: float = Field(
+        default=0.5, gt=0, le=5, description="no velocity towards a pad not seen for this long"
+    )
+    vehicle_state_stale_s: float = Field(default=0.5, gt=0, le=5)
+    frames_stale_s: float = Field(default=1.0, gt=0, le=10)
+    setpoint_gap_max_s: float = Field(default=0.3, gt=0.02, le=0.5, description="control loop's own watchdog")
+    distance_from_home_max_m: float = Field(default=300.0, gt=0, le=20000)
+    height_max_m: float = Field(default=30.0, gt=0, le=500)
+    tilt_max_deg: float = Field(default=45.0, gt=0, le=90)
+    battery_min_fraction: float = Field(default=0.15, ge=0, le=1)
+
+
+class RecorderConfig(Section):
+    """[recorder]: the flight record."""
+
+    directory: str = Field(default="flights", description="relative to where alight is run; empty for no record")
+    jpeg_quality: int = Field(default=80, ge=10, le=100)
+    frame_rate_hz: float = Field(default=30.0, ge=0, le=240, description="images kept a second")
+
+
+# ------------------------------------------------------------------------------------------- the simulator's world
+class PadMotionConfig(Section):
+    """How the simulated pad stands or drives."""
+
+    north_m: float = Field(default=3.0, ge=-1000, le=1000, description="where it starts, from home")
+    east_m: float = Field(default=2.0, ge=-1000, le=1000)
+    height_m: float = Field(default=0.0, ge=0, le=10, description="of the pad above the ground: a car's roof")
+    heading_deg: float = Field(default=0.0, ge=-360, le=360)
+    speed_m_s: float = Field(default=0.0, ge=0, le=30)
+    start_after_s: float = Field(default=0.0, ge=0, le=600, description="of flight above 1 m, before it drives off")
+    acceleration_m_s2: float = Field(default=1.0, gt=0, le=10)
+    deck_m: float = Field(default=1.2, gt=0, le=20, description="side of the square that can be landed on")
+
+
+class WorldConfig(Section):
+    """[simulator]: what is simulated. The application never reads this."""
+
+    seed: int = Field(default=1, ge=0)
+    vehicle: Literal["built-in", "px4"] = "built-in"
+    px4_truth_address: str = Field(default="udpin:127.0.0.1:19410", description="px4: where its ground truth arrives")
+    ground: Literal["lawn", "asphalt"] = "lawn"
+    wind_m_s: float = Field(default=1.0, ge=0, le=20)
+    gust_m_s: float = Field(default=0.5, ge=0, le=10)
+    wind_from_deg: float = Field(default=270.0, ge=-360, le=360)
+    sun_elevation_deg: float = Field(default=50.0, ge=5, le=90)
+    sun_azimuth_deg: float = Field(default=200.0, ge=-360, le=360)
+    noise_dn: float = Field(default=2.0, ge=0, le=50, description="image noise, 1 sigma, of 255")
+    camera_latency_s: float = Field(default=0.035, ge=0, le=1, description="mid-exposure to the application")
+    exposure_ms: float = Field(default=2.0, gt=0, le=30)
+    motion: PadMotionConfig = PadMotionConfig()
+
+
+class RigConfig(Section):
+    """A rig file: configs/*.toml."""
+
+    camera: CameraConfig
+    pad: str = Field(description="pad file, relative to this one")
+    autopilot: AutopilotConfig = AutopilotConfig()
+    operator: OperatorConfig = OperatorConfig()
+    vision: VisionConfig = VisionConfig()
+    estimation: EstimationConfig = EstimationConfig()
+    guidance: GuidanceConfig = GuidanceConfig()
+    mission: MissionConfig = MissionConfig()
+    safety: SafetyConfig = SafetyConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    simulator: WorldConfig | None = None
+
+
+# --------------------------------------------------------------------------------------------------------- reading
+S = TypeVar("S", bound=Section)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML file as nested dictionaries.
+
+    Raises:
+        ConfigError: It is missing, unreadable or no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.toml")], n=1)
+        raise ConfigError(
+            f"{path}: no such file",
+            f"did you mean {path.parent / near[0]}?"
+            if near
+            else "give the path of a .toml file; configs/ has the ones that ship",
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: can't be read ({error})", "give a readable TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}", "mend that line") from None
+
+
+def read_config(path: Path, kind: type[S]) -> S:
+    """Read and check a file of one kind (RigConfig, LensConfig, PadConfig).
+
+    Raises:
+        ConfigError: It names the file, each wrong key with its value and limit, and what to do.
+    """
+    data = read_toml(path)
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        faults = [_explain(kind, item) for item in error.errors()]
+        shown = " | ".join(faults[:4]) + (f" | and {len(faults) - 4} more" if len(faults) > 4 else "")
+        raise ConfigError(f"{path}: {shown}", "mend the file") from None
+
+
+def _keys_of(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """The keys that the table at a location may have."""
+    model: Any = kind
+    for part in location:
+        if isinstance(part, int):
+            continue
+        info = getattr(model, "model_fields", {}).get(part)
+        if info is None:
+            return []
+        choices = (info.annotation, *getattr(info.annotation, "__args__", ()))
+        model = next((choice for choice in choices if hasattr(choice, "model_fields")), None)
+    return sorted(getattr(model, "model_fields", {}))
+
+
+def _explain(kind: type[BaseModel], item: Any) -> str:
+    """One fault of a file in words."""
+    location = item["loc"]
+    key = ".".join(str(part) for part in location)
+    if item["type"] == "extra_forbidden":
+        keys = _keys_of(kind, location[:-1])
+        wrong = str(location[-1])
+        stem = wrong.rsplit("_", 1)[0]
+        same_stem = [k for k in keys if k.startswith(stem + "_") or k.rsplit("_", 1)[0] == stem]
+        near = same_stem[:1] or difflib.get_close_matches(wrong, keys, n=1)
+        unit = " (units are part of the name)" if same_stem else ""
+        hint = f"; did you mean {near[0]}{unit}?" if near else (f"; known here: {', '.join(keys)}" if keys else "")
+        return f"unknown key {key} = {item['input']!r}{hint}"
+    if item["type"] == "missing":
+        return f"key {key} is missing"
+    return f"{key} = {item['input']!r}: {item['msg']}"
+
+
+def resolve(base: Path, name: str) -> Path:
+    """A path that a file names, relative to that file."""
+    path = Path(name).expanduser()
+    return path if path.is_absolute() else base.parent / path

@@ -1,0 +1,1 @@
+"""From a Detection to a PadFix, and from fixes to a PadTrack. Pure."""

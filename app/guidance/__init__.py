@@ -1,0 +1,1 @@
+"""From a PadTrack and a Goal to a velocity. Pure."""

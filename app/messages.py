@@ -1,0 +1,440 @@
+"""What travels between tasks: frozen dataclasses, values only.
+
+`t_capture_s` is the time, on the application's monotonic clock, at which what a message describes was true
+(mid-exposure for a frame), never the time at which it was handled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frames import Array
+
+Image = NDArray[np.uint8]
+
+
+# ---------------------------------------------------------------------------------------------------------- camera
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One camera image.
+
+    Attributes:
+        t_capture_s: Mid-exposure.
+        sequence: Counts up by one for each frame that the camera gave.
+        image: (height, width) uint8 grey, or (height, width, 3) uint8 BGR.
+        exposure_s: Exposure time, where known.
+        name: The file (and frame in it) it came from, or "".
+    """
+
+    t_capture_s: float
+    sequence: int
+    image: Image
+    exposure_s: float | None = None
+    name: str = ""
+
+
+# ---------------------------------------------------------------------------------------------------------- vision
+@dataclass(frozen=True, slots=True)
+class SeenContour:
+    """One contour of the landmark, as it was found in the image.
+
+    Attributes:
+        index: Which contour of the landmark: 0 is the outermost.
+        corners_px: (n, 2) sub-pixel corners (u right, v down; pixel centres at whole numbers), in the order of
+            Landmark.contours[index].corners_m.
+    """
+
+    index: int
+    corners_px: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What the detector says of one frame.
+
+    Attributes:
+        t_capture_s: Of the frame.
+        sequence: Of the frame.
+        contours: What was found, outermost first; empty if the landmark was not detected.
+        code: Corner counts of the run that was found ("4433"), or None.
+        reason: Why not, in words that name the figure and the limit; None if detected.
+        score: Evidence in 0..1 (correlation with the drawn landmark, weighed with the rest); 0 if not detected.
+        threshold: Grey level of the binarisation that was used.
+        roi_px: (u0, v0, u1, v1) region that was searched, half open; None for the whole frame.
+        elapsed_s: Processor time of the detection.
+    """
+
+    t_capture_s: float
+    sequence: int
+    contours: tuple[SeenContour, ...] = ()
+    code: str | None = None
+    reason: str | None = None
+    score: float = 0.0
+    threshold: int = 0
+    roi_px: tuple[int, int, int, int] | None = None
+    elapsed_s: float = 0.0
+
+    @property
+    def detected(self) -> bool:
+        """Whether the landmark was found."""
+        return bool(self.contours)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperPose:
+    """The outputs of the paper's own equations for one frame (its camera is levelled first; see estimation.pose).
+
+    Attributes:
+        x_c_m: Equation (5): landmark centre to the right of the camera axis.
+        y_c_m: Equation (6): landmark centre towards image down.
+        h_m: Equations (11) to (13): height of the camera above the landmark.
+        theta_rad: Heading of the pad relative to the vehicle, positive clockwise seen from above.
+    """
+
+    x_c_m: float
+    y_c_m: float
+    h_m: float
+    theta_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Where the landmark is in the camera's frame.
+
+    Attributes:
+        t_cam_from_pad_m: (3,) the pad's origin in the camera frame.
+        q_cam_from_pad_wxyz: (4,) rotation of the pad frame into the camera frame.
+        covariance: (6, 6) of the error in (translation in cam, m; small rotation about the cam axes, rad).
+        reprojection_px: Root mean square of the residuals.
+    """
+
+    t_cam_from_pad_m: Array
+    q_cam_from_pad_wxyz: Array
+    covariance: Array
+    reprojection_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class PadFix:
+    """One measurement of the pad in PX4's local frame: a camera pose combined with the vehicle's pose at that time.
+
+    Attributes:
+        t_capture_s: Of the frame.
+        pad_pos_ned_m: (3,) the pad's origin.
+        pad_from_vehicle_ned_m: (3,) the same relative to the vehicle's body origin, along the ned axes.
+        covariance_ned_m2: (3, 3) of pad_from_vehicle_ned_m: vision and attitude, not PX4's position error.
+        pad_yaw_ned_rad: Heading of the pad's forward axis.
+        yaw_sigma_rad: Standard deviation of that heading.
+        code: Run of contours that it rests on.
+        pad_tilt_rad: Angle between the pad's normal and the vertical.
+        paper: The paper's own outputs, where all of S1..T3 that they need was seen.
+    """
+
+    t_capture_s: float
+    pad_pos_ned_m: Array
+    pad_from_vehicle_ned_m: Array
+    covariance_ned_m2: Array
+    pad_yaw_ned_rad: float
+    yaw_sigma_rad: float
+    code: str
+    pad_tilt_rad: float = 0.0
+    paper: PaperPose | None = None
+
+
+# -------------------------------------------------------------------------------------------------------- estimate
+@dataclass(frozen=True, slots=True)
+class PadTrack:
+    """The target estimator's state at one time.
+
+    Attributes:
+        t_capture_s: The time that the state is valid at.
+        pos_ned_m: (3,) the pad's origin in PX4's local frame.
+        vel_ned_m_s: (3,).
+        covariance: (6, 6) of (position, velocity).
+        yaw_ned_rad: Heading of the pad's forward axis.
+        yaw_rate_rad_s: Its rate.
+        t_last_fix_s: Capture time of the last fix that was accepted.
+        fixes_accepted: Count since the track began.
+        fixes_rejected_in_row: Outliers since the last accepted fix.
+    """
+
+    t_capture_s: float
+    pos_ned_m: Array
+    vel_ned_m_s: Array
+    covariance: Array
+    yaw_ned_rad: float
+    yaw_rate_rad_s: float
+    t_last_fix_s: float
+    fixes_accepted: int
+    fixes_rejected_in_row: int = 0
+
+
+# --------------------------------------------------------------------------------------------------------- vehicle
+class FlightMode(StrEnum):
+    """PX4's flight modes, as far as they matter here."""
+
+    UNKNOWN = "unknown"
+    MANUAL = "manual"
+    ALTITUDE = "altitude"
+    POSITION = "position"
+    OFFBOARD = "offboard"
+    HOLD = "hold"
+    TAKEOFF = "takeoff"
+    LAND = "land"
+    RETURN = "return"
+    MISSION = "mission"
+    PRECLAND = "precland"
+    OTHER = "other"
+
+
+class LandedState(StrEnum):
+    """PX4's land detector (EXTENDED_SYS_STATE)."""
+
+    UNKNOWN = "unknown"
+    ON_GROUND = "on_ground"
+    IN_AIR = "in_air"
+    TAKING_OFF = "taking_off"
+    LANDING = "landing"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The vehicle as PX4 reports it.
+
+    Attributes:
+        t_capture_s: The time that the pose was true.
+        pos_ned_m: (3,) in PX4's local frame.
+        vel_ned_m_s: (3,).
+        q_ned_from_body_wxyz: (4,).
+        connected: Heartbeats arrive.
+        armed: Motors are armed.
+        mode: PX4's present flight mode.
+        landed: PX4's land detector.
+        armable: PX4 would accept an arming command.
+        local_position_ok: PX4 vouches for its local position and velocity.
+        battery_fraction: 0..1, or None if unknown.
+        frame_resets: Jumps of PX4's local frame seen so far.
+    """
+
+    t_capture_s: float
+    pos_ned_m: Array
+    vel_ned_m_s: Array
+    q_ned_from_body_wxyz: Array
+    connected: bool = True
+    armed: bool = False
+    mode: FlightMode = FlightMode.UNKNOWN
+    landed: LandedState = LandedState.UNKNOWN
+    armable: bool = False
+    local_position_ok: bool = False
+    battery_fraction: float | None = None
+    frame_resets: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """A velocity command with feed-forward.
+
+    Attributes:
+        t_s: When it was computed.
+        vel_ned_m_s: (3,).
+        acc_ned_m_s2: (3,) acceleration feed-forward; zeros for none.
+        yaw_ned_rad: Heading to hold.
+    """
+
+    t_s: float
+    vel_ned_m_s: Array
+    acc_ned_m_s2: Array
+    yaw_ned_rad: float
+
+
+class AutopilotAction(StrEnum):
+    """What the mission asks of the autopilot, beside setpoints."""
+
+    ARM = "arm"
+    TAKEOFF = "takeoff"
+    OFFBOARD = "offboard"
+    HOLD = "hold"
+    LAND = "land"
+    RETURN = "return"
+    DISARM = "disarm"
+    FORCE_DISARM = "force_disarm"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionResult:
+    """How an AutopilotAction ended.
+
+    Attributes:
+        action: Which.
+        ok: The autopilot accepted it.
+        detail: Its own words, or "timeout".
+    """
+
+    action: AutopilotAction
+    ok: bool
+    detail: str = ""
+
+
+# -------------------------------------------------------------------------------------------------------- operator
+class OperatorAction(IntEnum):
+    """Parameter 1 of COMMAND_LONG 31010 (MAV_CMD_USER_1)."""
+
+    LAND = 1
+    TRACK = 2
+    SEARCH = 3
+    HOLD = 4
+    ABORT = 5
+
+
+class CommandResult(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorCommand:
+    """A command from the phone.
+
+    Attributes:
+        t_s: When it arrived.
+        action: What is asked.
+        height_m: Height above the pad to track at (parameter 2); None takes the configured one.
+        sender: (system id, component id) of the phone, whom the answer goes to.
+        number: Counts up with each new command of this link; names the command in answers.
+    """
+
+    t_s: float
+    action: OperatorAction
+    height_m: float | None
+    sender: tuple[int, int]
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAnswer:
+    """An answer to a command: any number with IN_PROGRESS, then one other.
+
+    Attributes:
+        number: Of the command.
+        result: MAV_RESULT.
+        progress_percent: 0..100 with IN_PROGRESS.
+    """
+
+    number: int
+    result: CommandResult
+    progress_percent: int = 0
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, as far as it is used here."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorText:
+    """A line for the phone's screen (STATUSTEXT).
+
+    Attributes:
+        text: At most 50 ASCII characters; the link cuts what is longer.
+        severity: How loud.
+    """
+
+    text: str
+    severity: Severity = Severity.INFO
+
+
+# --------------------------------------------------------------------------------------------------------- mission
+class Phase(StrEnum):
+    """The states of the mission."""
+
+    IDLE = "idle"
+    TAKEOFF = "takeoff"
+    SEARCH = "search"
+    HOVER = "hover"
+    TRACK = "track"
+    LAND = "land"
+    LANDED = "landed"
+    HOLD = "hold"
+    RETURN = "return"
+    FALLBACK_LAND = "fallback_land"
+
+
+class GoalKind(StrEnum):
+    """What the velocity controller is to do."""
+
+    NONE = "none"
+    """Send nothing."""
+    STAY = "stay"
+    """Zero velocity: the stream that PX4 wants before offboard, and a stop."""
+    SEARCH = "search"
+    """Fly the search pattern about `anchor_ned_m`, at its height."""
+    HOVER = "hover"
+    """Stay over the track at `height_m` above the pad."""
+    TRACK = "track"
+    """Follow the track, feed-forward of its velocity, at `height_m` above the pad."""
+    LAND = "land"
+    """Follow the track and descend inside the cone, commit, touch down."""
+    CLIMB = "climb"
+    """Climb to `height_m` above `anchor_ned_m`, keeping the horizontal velocity that brakes to zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """What the mission wants of the velocity controller.
+
+    Attributes:
+        kind: What to do.
+        height_m: Height above the pad (HOVER, TRACK) or above the anchor (SEARCH, CLIMB).
+        anchor_ned_m: (3,) centre of the search, on the ground.
+        number: Counts up with each new goal: a changed number restarts search pattern and descent.
+    """
+
+    kind: GoalKind = GoalKind.NONE
+    height_m: float = 0.0
+    anchor_ned_m: Array = field(default_factory=lambda: np.zeros(3))
+    number: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class GuidanceStatus:
+    """What the velocity controller tells the mission.
+
+    Attributes:
+        t_s: When.
+        goal_number: Of the goal that this is about.
+        horizontal_error_m: Distance to the predicted pad; None without a usable track.
+        height_above_pad_m: By the track; None without one.
+        relative_speed_m_s: Horizontal speed relative to the pad; None without one.
+        in_cone: Descent is allowed.
+        committed: Below the commit height and sinking onto the pad: the landing is to be finished.
+        contact: The vehicle rests on something: sink is commanded and does not happen.
+        search_finished: The whole search pattern has been flown.
+        climbed: The height of a CLIMB goal has been reached.
+    """
+
+    t_s: float
+    goal_number: int = 0
+    horizontal_error_m: float | None = None
+    height_above_pad_m: float | None = None
+    relative_speed_m_s: float | None = None
+    in_cone: bool = False
+    committed: bool = False
+    contact: bool = False
+    search_finished: bool = False
+    climbed: bool = False

@@ -1,0 +1,1 @@
+"""The mission state machine. Pure."""

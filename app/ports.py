@@ -1,0 +1,90 @@
+"""What the application needs of the world: the Protocols that drivers implement.
+
+Every method that waits on hardware ends in bounded time or raises; each driver is an async context manager that
+opens in `__aenter__` (raising the AlightError of its kind) and releases everything in `__aexit__`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from app.messages import (
+    AutopilotAction,
+    CommandAnswer,
+    Frame,
+    OperatorCommand,
+    OperatorText,
+    Setpoint,
+    VehicleState,
+)
+
+
+class Port(Protocol):
+    """An async context manager."""
+
+    async def __aenter__(self) -> Self:
+        """Open it."""
+        ...
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Release everything."""
+        ...
+
+
+class Camera(Port, Protocol):
+    """A source of frames. Opening raises CameraError."""
+
+    def frames(self) -> AsyncIterator[Frame]:
+        """Frames as they come, each with its mid-exposure time; only the newest is kept for a slow reader.
+
+        Ends when the source ends (files); raises CameraError when the camera fails.
+        """
+        ...
+
+
+class Autopilot(Port, Protocol):
+    """PX4. Opening connects and raises AutopilotError when no autopilot answers on the address."""
+
+    def states(self) -> AsyncIterator[VehicleState]:
+        """The newest state, each time the attitude is updated, and at least twice a second with connected=False."""
+        ...
+
+    async def send_setpoint(self, setpoint: Setpoint) -> None:
+        """Send one setpoint, once. Nothing re-sends it."""
+        ...
+
+    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
+        """Run an action to the autopilot's answer. TAKEOFF climbs to height_m above the present place.
+
+        Raises:
+            AutopilotError: It was refused (with the autopilot's words) or no answer came in time.
+        """
+        ...
+
+
+class OperatorLink(Port, Protocol):
+    """The phone. Opening raises OperatorError."""
+
+    def commands(self) -> AsyncIterator[OperatorCommand]:
+        """Commands as they arrive, retransmissions left out."""
+        ...
+
+    async def answer(self, answer: CommandAnswer) -> None:
+        """Answer a command."""
+        ...
+
+    async def say(self, text: OperatorText) -> None:
+        """Show a line on the phone."""
+        ...
+
+
+class Recorder(Port, Protocol):
+    """The flight record. Opening raises RecorderError."""
+
+    def write(self, topic: str, t_s: float, message: Any) -> None:
+        """Record a message (a dataclass of app.messages; a Frame is compressed). Never blocks the caller."""
+        ...

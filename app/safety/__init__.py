@@ -1,0 +1,1 @@
+"""Monitors that turn inputs into verdicts. Pure."""

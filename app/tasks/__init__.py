@@ -1,0 +1,1 @@
+"""One asyncio loop a file: wait, call a pure function, publish."""

@@ -1,0 +1,1 @@
+"""Everything that touches the world; each driver implements a Protocol of app.ports."""

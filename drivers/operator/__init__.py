@@ -1,0 +1,1 @@
+"""Drivers of the OperatorLink port, and the phone that speaks to it."""
