@@ -184,7 +184,7 @@ def build_landmark(
         if contours:
             parent = contours[-1]
             corners = corners + _place(parent.corners_m, corners)
-            corners = corners + np.array([spec.offset_forward_m, spec.offset_right_m])
+            corners = corners + np.array([spec.offset_forward_m, spec.offset_right_m], dtype=np.float64)
             gap_m = float(gaps_m(parent.corners_m, corners).min())
             if gap_m < limit_m:
                 raise LandmarkError(
