@@ -144,8 +144,7 @@ def _place(parent: Array, child: Array) -> Array:
     normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
     matrix = np.column_stack([normal, -np.ones(len(parent))])
     solution, *_ = np.linalg.lstsq(matrix, -gaps_m(parent, child), rcond=None)
-    result: Array = solution[:2]
-    return result
+    return np.asarray(solution[:2], dtype=np.float64)
 
 
 def build_landmark(

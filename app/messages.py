@@ -6,13 +6,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.frames import Array
+from app.frames import Array, wrap_angle_rad
 
 Image = NDArray[np.uint8]
 
@@ -171,6 +171,16 @@ class PadTrack:
     t_last_fix_s: float
     fixes_accepted: int
     fixes_rejected_in_row: int = 0
+
+    def at(self, t_s: float) -> PadTrack:
+        """The track's mean carried to another time at constant velocity; the covariance stays that of the last fix."""
+        dt_s = t_s - self.t_capture_s
+        return replace(
+            self,
+            t_capture_s=t_s,
+            pos_ned_m=self.pos_ned_m + dt_s * self.vel_ned_m_s,
+            yaw_ned_rad=wrap_angle_rad(self.yaw_ned_rad + dt_s * self.yaw_rate_rad_s),
+        )
 
 
 # --------------------------------------------------------------------------------------------------------- vehicle
@@ -424,6 +434,7 @@ class GuidanceStatus:
         in_cone: Descent is allowed.
         committed: Below the commit height and sinking onto the pad: the landing is to be finished.
         contact: The vehicle rests on something: sink is commanded and does not happen.
+        contact_held_s: For how long it has.
         search_finished: The whole search pattern has been flown.
         climbed: The height of a CLIMB goal has been reached.
     """
@@ -436,5 +447,6 @@ class GuidanceStatus:
     in_cone: bool = False
     committed: bool = False
     contact: bool = False
+    contact_held_s: float = 0.0
     search_finished: bool = False
     climbed: bool = False

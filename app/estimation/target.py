@@ -1,0 +1,145 @@
+"""The target estimator: a Kalman filter in ned on the pad's position, velocity and heading. Pure.
+
+Constant velocity with white acceleration (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking
+and Navigation", 6.3.2: discretised continuous white noise acceleration). The filter stands at the capture time of the
+last fix; whoever needs the pad at another time predicts from there, so the camera's latency costs no accuracy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.config import EstimationConfig
+from app.frames import Array, wrap_angle_rad
+from app.messages import PadFix, PadTrack
+
+VELOCITY_SIGMA_AT_START_M_S = 5.0
+"""A pad that was just seen for the first time may drive at any speed that a vehicle can follow."""
+YAW_RATE_SIGMA_RAD_S2 = 0.3
+"""White angular acceleration of the pad: a car at 13.5 km/h on a bend of 30 m turns at 0.125 rad/s, within half a
+second of steering."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Heading:
+    """A two-state filter on heading and its rate: (2,) mean, (2, 2) covariance."""
+
+    mean: Array
+    covariance: Array
+
+
+class TargetEstimator:
+    """Turns fixes into a track.
+
+    Args:
+        config: [estimation].
+    """
+
+    def __init__(self, config: EstimationConfig) -> None:
+        self._config = config
+        self._track: PadTrack | None = None
+        self._heading = _Heading(np.zeros(2), np.eye(2))
+
+    @property
+    def track(self) -> PadTrack | None:
+        """The track at the last accepted fix; None before the first."""
+        return self._track
+
+    def reset(self) -> None:
+        """Forget the track: after a reset of PX4's local frame, or when the search begins anew."""
+        self._track = None
+
+    def update(self, fix: PadFix) -> PadTrack:
+        """Take a fix at its capture time; an outlier is counted and left out, and enough of them in a row start anew.
+
+        A fix that is older than the track's last one is left out.
+        """
+        track = self._track
+        if track is None:
+            return self._start(fix)
+        if fix.t_capture_s <= track.t_capture_s:
+            return track
+        predicted = predict(track, fix.t_capture_s, self._config.acceleration_m_s2)
+        innovation = fix.pad_pos_ned_m - predicted.pos_ned_m
+        s_matrix = predicted.covariance[:3, :3] + fix.covariance_ned_m2
+        distance2 = float(innovation @ np.linalg.solve(s_matrix, innovation))
+        if distance2 > self._config.gate_sigma**2:
+            rejected = track.fixes_rejected_in_row + 1
+            if rejected >= self._config.rejections_before_restart:
+                return self._start(fix)
+            self._track = replace(track, fixes_rejected_in_row=rejected)
+            return self._track
+        gain = predicted.covariance[:, :3] @ np.linalg.inv(s_matrix)
+        correction = gain @ innovation
+        keep = np.eye(6) - gain @ np.eye(3, 6)
+        covariance = keep @ predicted.covariance @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
+        yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
+        self._track = PadTrack(
+            t_capture_s=fix.t_capture_s,
+            pos_ned_m=predicted.pos_ned_m + correction[:3],
+            vel_ned_m_s=predicted.vel_ned_m_s + correction[3:],
+            covariance=covariance,
+            yaw_ned_rad=yaw_rad,
+            yaw_rate_rad_s=yaw_rate_rad_s,
+            t_last_fix_s=fix.t_capture_s,
+            fixes_accepted=track.fixes_accepted + 1,
+        )
+        return self._track
+
+    def _start(self, fix: PadFix) -> PadTrack:
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = fix.covariance_ned_m2
+        covariance[3:, 3:] = np.eye(3) * VELOCITY_SIGMA_AT_START_M_S**2
+        covariance[5, 5] = 1.0  # decks heave; nothing that can be landed on climbs at 5 m/s
+        self._heading = _Heading(np.array([fix.pad_yaw_ned_rad, 0.0]), np.diag([fix.yaw_sigma_rad**2, 0.25]))
+        self._track = PadTrack(
+            t_capture_s=fix.t_capture_s,
+            pos_ned_m=fix.pad_pos_ned_m,
+            vel_ned_m_s=np.zeros(3),
+            covariance=covariance,
+            yaw_ned_rad=fix.pad_yaw_ned_rad,
+            yaw_rate_rad_s=0.0,
+            t_last_fix_s=fix.t_capture_s,
+            fixes_accepted=1,
+        )
+        return self._track
+
+    def _update_heading(self, fix: PadFix, dt_s: float) -> tuple[float, float]:
+        step = np.array([[1.0, dt_s], [0.0, 1.0]])
+        q = YAW_RATE_SIGMA_RAD_S2**2
+        noise = q * np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
+        mean = step @ self._heading.mean
+        covariance = step @ self._heading.covariance @ step.T + noise
+        innovation = wrap_angle_rad(fix.pad_yaw_ned_rad - float(mean[0]))
+        s = float(covariance[0, 0]) + fix.yaw_sigma_rad**2
+        # A heading far off while the position fits is a mistaken quarter turn: leave it out.
+        if innovation**2 <= self._config.gate_sigma**2 * s:
+            gain = covariance[:, 0] / s
+            mean = mean + gain * innovation
+            covariance = covariance - np.outer(gain, covariance[0])
+        self._heading = _Heading(np.array([wrap_angle_rad(float(mean[0])), float(mean[1])]), covariance)
+        return float(self._heading.mean[0]), float(self._heading.mean[1])
+
+
+def predict(track: PadTrack, t_s: float, acceleration_m_s2: float = 0.0) -> PadTrack:
+    """The track at a later time, its covariance grown by white acceleration of the given density (m/s2 per root Hz)."""
+    dt = t_s - track.t_capture_s
+    step = np.eye(6)
+    step[0, 3] = step[1, 4] = step[2, 5] = dt
+    q = acceleration_m_s2**2 * np.array([1.0, 1.0, 0.25])  # decks move up and down less than vehicles speed up
+    covariance = step @ track.covariance @ step.T
+    age = abs(dt)
+    covariance[:3, :3] += np.diag(q) * age**3 / 3
+    covariance[:3, 3:] += np.diag(q) * age**2 / 2
+    covariance[3:, :3] += np.diag(q) * age**2 / 2
+    covariance[3:, 3:] += np.diag(q) * age
+    return replace(track.at(t_s), covariance=covariance)
+
+
+def is_confident(track: PadTrack, config: EstimationConfig) -> bool:
+    """Whether a track may be followed: enough fixes, and a velocity known to better than 1 m/s."""
+    speed_sigma = math.sqrt(float(track.covariance[3, 3] + track.covariance[4, 4]))
+    return track.fixes_accepted >= config.fixes_before_confident and speed_sigma < 1.0

@@ -1,0 +1,49 @@
+"""Contact: sink is commanded and does not happen. Pure.
+
+PX4's land detector needs seconds, and on a moving pad it waits for a speed that never falls; this monitor looks at
+what any contact shows at once: the vehicle was told to sink, was sinking, and stands still above what it landed on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+COMMANDED_SINK_MIN_M_S = 0.3
+STOPPED_FRACTION = 0.35
+"""Contact is assumed when less than this part of the commanded sink is left. In flight PX4 reaches 63% of a sink step
+in 0.3 s and 90% in 0.75 s, and overshoots by 17%."""
+SETTLE_S = 0.5
+"""The sink must have been commanded for this long: before, a vehicle that has not begun to sink looks the same."""
+HOLD_S = 0.35
+"""The stop must last this long: gusts and ground effect slow a sink for less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The memory of the monitor.
+
+    Attributes:
+        sinking_since_s: When the sink was first commanded without a break; None while it is not.
+        stopped_since_s: Since when the vehicle has not been sinking; None while it is.
+        contact: It rests on something. Stays true while sink is commanded and the vehicle doesn't move.
+    """
+
+    sinking_since_s: float | None = None
+    stopped_since_s: float | None = None
+    contact: bool = False
+
+    def held_s(self, now_s: float) -> float:
+        """How long the vehicle has been at rest while told to sink."""
+        return 0.0 if self.stopped_since_s is None or not self.contact else now_s - self.stopped_since_s
+
+
+def step_contact(memory: Contact, commanded_sink_m_s: float, actual_sink_m_s: float, now_s: float) -> Contact:
+    """The next memory, from the commanded and the actual sink speed, both positive down and relative to the pad."""
+    if commanded_sink_m_s < COMMANDED_SINK_MIN_M_S:
+        return Contact()
+    since = now_s if memory.sinking_since_s is None else memory.sinking_since_s
+    stopped = actual_sink_m_s < STOPPED_FRACTION * commanded_sink_m_s and now_s - since >= SETTLE_S
+    if not stopped:
+        return Contact(sinking_since_s=since)
+    stopped_since = now_s if memory.stopped_since_s is None else memory.stopped_since_s
+    return Contact(since, stopped_since, now_s - stopped_since >= HOLD_S)
