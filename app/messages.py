@@ -450,3 +450,60 @@ class GuidanceStatus:
     contact_held_s: float = 0.0
     search_finished: bool = False
     climbed: bool = False
+
+
+# ---------------------------------------------------------------------------------------------------------- safety
+class Hazard(StrEnum):
+    """What can be wrong, gravest first."""
+
+    LINK_LOST = "link_lost"
+    VEHICLE_STATE_STALE = "vehicle_state_stale"
+    POSITION_LOST = "position_lost"
+    TILT_EXCESSIVE = "tilt_excessive"
+    BATTERY_LOW = "battery_low"
+    TOO_FAR = "too_far"
+    TOO_HIGH = "too_high"
+    FRAMES_STALE = "frames_stale"
+
+
+class Response(StrEnum):
+    """What must happen."""
+
+    STOP_COMMANDING = "stop_commanding"
+    """Send nothing more: PX4's own failsafes know better than a blind application."""
+    LAND = "land"
+    """PX4's own landing where it is."""
+    RETURN = "return"
+    """PX4's return to launch."""
+    FAIL = "fail"
+    """End the mission by the configured failure action."""
+
+
+RESPONSES: dict[Hazard, Response] = {
+    Hazard.LINK_LOST: Response.STOP_COMMANDING,
+    Hazard.VEHICLE_STATE_STALE: Response.STOP_COMMANDING,
+    Hazard.POSITION_LOST: Response.LAND,
+    Hazard.TILT_EXCESSIVE: Response.FAIL,
+    Hazard.BATTERY_LOW: Response.LAND,
+    Hazard.TOO_FAR: Response.RETURN,
+    Hazard.TOO_HIGH: Response.FAIL,
+    Hazard.FRAMES_STALE: Response.FAIL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A hazard, with the figure and the limit in words of at most 40 characters.
+
+    Attributes:
+        hazard: Which.
+        detail: "battery 12% under 15%".
+    """
+
+    hazard: Hazard
+    detail: str
+
+    @property
+    def response(self) -> Response:
+        """What must happen."""
+        return RESPONSES[self.hazard]

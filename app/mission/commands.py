@@ -1,0 +1,108 @@
+"""The phone's commands: which are taken in which phase, and which are refused, with a reason. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.config import MissionConfig
+from app.messages import (
+    CommandAnswer,
+    CommandResult,
+    GoalKind,
+    LandedState,
+    OperatorAction,
+    OperatorCommand,
+    OperatorText,
+    Phase,
+    Severity,
+)
+from app.mission.states import ACTIVE, HANDED_OVER, MissionInputs, MissionState, Reason, Transition
+from app.mission.transitions import enter_search, go, guidance_of, numbered
+
+
+def take_command(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    """Act on a new command, or None if there is none."""
+    command = inputs.command
+    if command is None:
+        return None
+    if command.action in (OperatorAction.HOLD, OperatorAction.ABORT):
+        return _end(state, inputs, command, now_s, config)
+    return _begin(state, inputs, command, now_s, config)
+
+
+def _refuse(state: MissionState, command: OperatorCommand, result: CommandResult, words: str) -> Transition:
+    text = OperatorText(f"{command.action.name.lower()} refused: {words}"[:50], Severity.WARNING)
+    return Transition(state, answers=(CommandAnswer(command.number, result),), texts=(text,))
+
+
+def _cancelled(state: MissionState) -> tuple[CommandAnswer, ...]:
+    return () if state.command is None else (CommandAnswer(state.command.number, CommandResult.CANCELLED),)
+
+
+def _end(
+    state: MissionState, inputs: MissionInputs, command: OperatorCommand, now_s: float, config: MissionConfig
+) -> Transition:
+    """HOLD and ABORT: obeyed in flight up to contact, also when the landing is committed."""
+    guidance = guidance_of(state, inputs)
+    if state.phase not in ACTIVE | HANDED_OVER:
+        return _refuse(state, command, CommandResult.DENIED, Reason.NO_MISSION.value)
+    if guidance is not None and guidance.contact:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "on the pad already")
+    held = command.action is OperatorAction.HOLD
+    after = "hold" if held else config.abort_action
+    vehicle = inputs.vehicle
+    if vehicle is not None and not vehicle.armed:
+        phase = Phase.IDLE
+    else:
+        phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[after]
+    reason = Reason.HELD_BY_OPERATOR if held else Reason.ABORTED_BY_OPERATOR
+    ended = go(state, phase, reason, now_s, severity=Severity.NOTICE, result=CommandResult.CANCELLED)
+    return replace(ended, answers=(*ended.answers, CommandAnswer(command.number, CommandResult.ACCEPTED)))
+
+
+def _begin(
+    state: MissionState, inputs: MissionInputs, command: OperatorCommand, now_s: float, config: MissionConfig
+) -> Transition:
+    """SEARCH, TRACK and LAND: begin a mission, or change the aim of the one that flies."""
+    vehicle = inputs.vehicle
+    if vehicle is None or (inputs.verdict is not None and state.phase not in ACTIVE):
+        words = "no autopilot" if inputs.verdict is None else inputs.verdict.detail
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, words)
+    if state.phase in ACTIVE:
+        return _change_aim(state, inputs, command, now_s, config)
+    in_air = vehicle.armed and vehicle.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF, LandedState.LANDING)
+    fresh = replace(state, command=command, tries=0, takeoff_accepted=False, offboard_seen=False)
+    if in_air:
+        if state.home_ned_m is None:
+            ground = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])
+            fresh = replace(fresh, home_ned_m=ground)
+        return enter_search(fresh, vehicle, Reason.ALREADY_FLYING, now_s)
+    if not vehicle.armed and not vehicle.armable:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.NOT_ARMABLE.value)
+    home = np.array(vehicle.pos_ned_m)
+    return go(fresh, Phase.TAKEOFF, Reason.COMMANDED, now_s, home_ned_m=home, entry_mode=vehicle.mode)
+
+
+def _change_aim(
+    state: MissionState, inputs: MissionInputs, command: OperatorCommand, now_s: float, config: MissionConfig
+) -> Transition:
+    guidance = guidance_of(state, inputs)
+    if guidance is not None and guidance.committed:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.COMMITTED.value)
+    cancelled = _cancelled(state)
+    taken = replace(state, command=command)
+    height_m = command.height_m or config.track_height_m
+    if state.phase in (Phase.LAND, Phase.TRACK) and command.action is not OperatorAction.LAND:
+        kind, phase = (
+            (GoalKind.TRACK, Phase.TRACK) if command.action is OperatorAction.TRACK else (GoalKind.HOVER, Phase.HOVER)
+        )
+        height_m = height_m if kind is GoalKind.TRACK else config.hover_height_m
+        changed = go(taken, phase, Reason.COMMANDED, now_s, goal=numbered(taken, kind, height_m))
+        return replace(changed, answers=(*cancelled, *changed.answers))
+    # TAKEOFF, SEARCH and HOVER lead to every aim; TRACK leads on to LAND: the phase goes on with the new command.
+    answers = (*cancelled, CommandAnswer(command.number, CommandResult.IN_PROGRESS, 5))
+    words = f"{state.phase.value}: on to {command.action.name.lower()}"
+    since = replace(taken, since_s=now_s) if state.phase in (Phase.TRACK, Phase.HOVER) else taken
+    return Transition(since, answers=answers, texts=(OperatorText(words[:50]),))

@@ -1,0 +1,109 @@
+"""What comes before any phase: answers to actions, the end of the flight, the pilot, safety. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from app.config import MissionConfig
+from app.messages import (
+    AutopilotAction,
+    CommandResult,
+    FlightMode,
+    Phase,
+    Response,
+    Severity,
+)
+from app.mission.states import ACTIVE, HANDED_OVER, IN_OFFBOARD, MissionInputs, MissionState, Reason, Transition
+from app.mission.transitions import fail, go, guidance_of
+
+
+def take_results(state: MissionState, inputs: MissionInputs) -> MissionState:
+    for result in inputs.results:
+        if result.action is not state.pending:
+            continue
+        accepted = result.ok and result.action is AutopilotAction.TAKEOFF
+        state = replace(
+            state,
+            pending=None,
+            refusals=0 if result.ok else state.refusals + 1,
+            takeoff_accepted=state.takeoff_accepted or accepted,
+        )
+    return state
+
+
+def end_of_flight(state: MissionState, inputs: MissionInputs, now_s: float) -> Transition | None:
+    """Disarmed while flying: on the pad that is the aim, anywhere else the end of the mission."""
+    vehicle = inputs.vehicle
+    if vehicle is None or vehicle.armed or state.phase not in IN_OFFBOARD | HANDED_OVER:
+        return None
+    guidance = guidance_of(state, inputs)
+    if state.phase is Phase.LAND and guidance is not None and guidance.committed:
+        return go(state, Phase.LANDED, Reason.TOUCHDOWN, now_s, severity=Severity.NOTICE, result=CommandResult.ACCEPTED)
+    return go(state, Phase.IDLE, Reason.DISARMED, now_s, severity=Severity.NOTICE, result=CommandResult.FAILED)
+
+
+def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transition | None:
+    vehicle = inputs.vehicle
+    if vehicle is None or not vehicle.armed:
+        return None
+    mode = vehicle.mode
+    ours = {FlightMode.OFFBOARD, FlightMode.UNKNOWN}
+    if state.phase in IN_OFFBOARD and not state.offboard_seen:
+        ours |= {state.entry_mode, FlightMode.HOLD, FlightMode.TAKEOFF}
+    elif state.phase is Phase.TAKEOFF:
+        # Until PX4 has taken off, the mode is whatever it was on the ground.
+        ours |= {FlightMode.TAKEOFF, FlightMode.HOLD, state.entry_mode}
+    elif state.phase not in IN_OFFBOARD:
+        return None
+    if mode in ours:
+        return None
+    return go(
+        state,
+        Phase.IDLE,
+        Reason.PILOT_TOOK_OVER,
+        now_s,
+        detail=f"{mode.value} mode by pilot or PX4, hands off",
+        severity=Severity.WARNING,
+        result=CommandResult.CANCELLED,
+    )
+
+
+def safety(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    verdict = inputs.verdict
+    if verdict is None or state.phase not in ACTIVE:
+        return None
+    guidance = guidance_of(state, inputs)
+    if verdict.response is Response.STOP_COMMANDING:
+        return go(
+            state,
+            Phase.IDLE,
+            Reason.SAFETY,
+            now_s,
+            detail=verdict.detail,
+            severity=Severity.CRITICAL,
+            result=CommandResult.FAILED,
+        )
+    if guidance is not None and guidance.committed:
+        return None  # half a metre over the pad, the pad is the safest place there is
+    if inputs.vehicle is not None and not inputs.vehicle.armed:
+        return go(
+            state,
+            Phase.IDLE,
+            Reason.SAFETY,
+            now_s,
+            detail=verdict.detail,
+            severity=Severity.WARNING,
+            result=CommandResult.FAILED,
+        )
+    phase = {Response.LAND: Phase.FALLBACK_LAND, Response.RETURN: Phase.RETURN}.get(verdict.response)
+    if phase is None:
+        return fail(state, Reason.SAFETY, now_s, config, verdict.detail)
+    return go(
+        state,
+        phase,
+        Reason.SAFETY,
+        now_s,
+        detail=verdict.detail,
+        severity=Severity.CRITICAL,
+        result=CommandResult.FAILED,
+    )

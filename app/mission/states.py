@@ -1,0 +1,140 @@
+"""What the mission state machine remembers, sees and says. Values only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from app.frames import Array
+from app.messages import (
+    ActionResult,
+    AutopilotAction,
+    CommandAnswer,
+    FlightMode,
+    Goal,
+    GuidanceStatus,
+    OperatorCommand,
+    OperatorText,
+    PadTrack,
+    Phase,
+    VehicleState,
+    Verdict,
+)
+
+
+class Reason(StrEnum):
+    """Why the state changed, or a command was refused. Every one is told to the phone and to the log."""
+
+    COMMANDED = "commanded"
+    ALREADY_FLYING = "already flying"
+    HEIGHT_REACHED = "height reached"
+    PAD_FOUND = "pad found"
+    SETTLED = "settled over the pad"
+    TRACK_STEADY = "track steady"
+    PAD_LOST = "pad lost"
+    PAD_NOT_FOUND = "pad not found"
+    PAD_MISSED = "missed the pad, going round"
+    TIMED_OUT = "took too long"
+    TRIES_USED_UP = "tries used up"
+    TOUCHDOWN = "on the pad, disarmed"
+    DISARMED = "disarmed"
+    PILOT_TOOK_OVER = "mode changed by pilot or PX4"
+    REFUSED_BY_AUTOPILOT = "refused by the autopilot"
+    HELD_BY_OPERATOR = "held by the phone"
+    ABORTED_BY_OPERATOR = "aborted by the phone"
+    SAFETY = "safety"
+    NOT_ARMABLE = "not ready to arm"
+    NO_MISSION = "no mission to end"
+    COMMITTED = "landing is committed"
+    ON_THE_GROUND = "on the ground"
+
+
+IN_OFFBOARD = frozenset({Phase.SEARCH, Phase.HOVER, Phase.TRACK, Phase.LAND})
+"""The phases in which Alight steers."""
+ACTIVE = IN_OFFBOARD | {Phase.TAKEOFF}
+"""The phases in which a command is being carried out."""
+HANDED_OVER = frozenset({Phase.HOLD, Phase.RETURN, Phase.FALLBACK_LAND})
+"""The phases in which PX4 flies a mode of its own because Alight asked for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissionState:
+    """All that the machine remembers.
+
+    Attributes:
+        phase: Where it is.
+        since_s: Since when.
+        goal: What the controller was told.
+        command: The command that is being carried out; None when done.
+        tries: Landings (or approaches) that failed in this mission.
+        home_ned_m: (3,) ground below where this mission began.
+        pending: The action whose answer is awaited.
+        asked_s: When it was asked for.
+        refusals: Actions refused in a row in this phase.
+        entry_mode: PX4's mode when Alight began to ask for offboard.
+        offboard_seen: PX4 has reported offboard since.
+        steady_since_s: Since when the vehicle has been settled over the pad.
+        takeoff_accepted: PX4 accepted the take-off.
+        handed_over: PX4 has taken up the mode of its own that a HOLD, RETURN or FALLBACK_LAND asked for.
+    """
+
+    phase: Phase = Phase.IDLE
+    since_s: float = 0.0
+    goal: Goal = field(default_factory=Goal)
+    command: OperatorCommand | None = None
+    tries: int = 0
+    home_ned_m: Array | None = None
+    pending: AutopilotAction | None = None
+    asked_s: float = 0.0
+    refusals: int = 0
+    entry_mode: FlightMode = FlightMode.UNKNOWN
+    offboard_seen: bool = False
+    steady_since_s: float | None = None
+    takeoff_accepted: bool = False
+    handed_over: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MissionInputs:
+    """All that the machine sees in one step.
+
+    Attributes:
+        vehicle: Newest state; None before the first.
+        track: Newest track; None without one.
+        track_usable: The track is confident and fresh.
+        guidance: Newest word of the velocity controller; of another goal number it is ignored.
+        verdict: The gravest hazard.
+        command: A new command of the phone.
+        results: Answers to actions since the last step.
+        may_force_disarm: Safety allows a forced disarm now.
+    """
+
+    vehicle: VehicleState | None
+    track: PadTrack | None
+    track_usable: bool
+    guidance: GuidanceStatus | None
+    verdict: Verdict | None = None
+    command: OperatorCommand | None = None
+    results: tuple[ActionResult, ...] = ()
+    may_force_disarm: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """What a step decides.
+
+    Attributes:
+        state: The next state.
+        reason: Why the phase changed; None if it didn't.
+        action: An action to ask of the autopilot now.
+        action_height_m: Its height (TAKEOFF).
+        answers: To the phone's commands.
+        texts: Lines for the phone.
+    """
+
+    state: MissionState
+    reason: Reason | None = None
+    action: AutopilotAction | None = None
+    action_height_m: float = 0.0
+    answers: tuple[CommandAnswer, ...] = ()
+    texts: tuple[OperatorText, ...] = ()

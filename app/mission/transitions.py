@@ -1,0 +1,103 @@
+"""The building blocks of a decision: enter a phase, number a goal, ask for an action. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.config import MissionConfig
+from app.frames import Array
+from app.messages import (
+    AutopilotAction,
+    CommandAnswer,
+    CommandResult,
+    FlightMode,
+    Goal,
+    GoalKind,
+    GuidanceStatus,
+    OperatorText,
+    Phase,
+    Severity,
+    VehicleState,
+)
+from app.mission.states import MissionInputs, MissionState, Reason, Transition
+
+PROGRESS = {Phase.TAKEOFF: 10, Phase.SEARCH: 30, Phase.HOVER: 50, Phase.TRACK: 65, Phase.LAND: 80}
+"""What the phone is told of a mission's progress, in percent, when it enters a phase."""
+RETRY_S = 1.0
+"""An action that was refused is asked for again after this long."""
+
+
+def go(
+    state: MissionState,
+    phase: Phase,
+    reason: Reason,
+    now_s: float,
+    *,
+    goal: Goal | None = None,
+    detail: str = "",
+    severity: Severity = Severity.INFO,
+    result: CommandResult | None = None,
+    **changes: object,
+) -> Transition:
+    """Enter a phase. `result` ends the command with that answer; else a running one is answered with its progress."""
+    answers: tuple[CommandAnswer, ...] = ()
+    command = state.command
+    if command is not None and result is not None:
+        answers, command = (CommandAnswer(command.number, result),), None
+    elif command is not None and phase in PROGRESS:
+        answers = (CommandAnswer(command.number, CommandResult.IN_PROGRESS, PROGRESS[phase]),)
+    entered = replace(
+        state,
+        phase=phase,
+        since_s=now_s,
+        goal=goal or numbered(state, GoalKind.NONE),
+        command=command,
+        pending=None,
+        refusals=0,
+        handed_over=False,
+        steady_since_s=None,
+    )
+    entered = replace(entered, **changes)  # type: ignore[arg-type]  # field names are checked by replace itself
+    text = f"{phase.value}: {detail or reason.value}"
+    return Transition(entered, reason, answers=answers, texts=(OperatorText(text[:50], severity),))
+
+
+def numbered(state: MissionState, kind: GoalKind, height_m: float = 0.0, anchor_ned_m: Array | None = None) -> Goal:
+    """A new goal, with the next number."""
+    anchor = np.zeros(3) if anchor_ned_m is None else anchor_ned_m
+    return Goal(kind, height_m, anchor, state.goal.number + 1)
+
+
+def fail(state: MissionState, reason: Reason, now_s: float, config: MissionConfig, detail: str = "") -> Transition:
+    """End the mission by the configured failure action."""
+    phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[config.failure_action]
+    return go(state, phase, reason, now_s, detail=detail, severity=Severity.WARNING, result=CommandResult.FAILED)
+
+
+def ask(state: MissionState, action: AutopilotAction, now_s: float, height_m: float = 0.0) -> Transition:
+    """Ask for an action, unless one is pending or one was refused a moment ago."""
+    if state.pending is not None or (state.refusals and now_s - state.asked_s < RETRY_S):
+        return Transition(state)
+    return Transition(replace(state, pending=action, asked_s=now_s), action=action, action_height_m=height_m)
+
+
+def enter_search(state: MissionState, vehicle: VehicleState, reason: Reason, now_s: float) -> Transition:
+    """Begin with a stream of zero velocity; offboard and the pattern follow."""
+    in_offboard = vehicle.mode is FlightMode.OFFBOARD and state.offboard_seen
+    return go(
+        state,
+        Phase.SEARCH,
+        reason,
+        now_s,
+        goal=numbered(state, GoalKind.STAY),
+        entry_mode=vehicle.mode,
+        offboard_seen=in_offboard,
+    )
+
+
+def guidance_of(state: MissionState, inputs: MissionInputs) -> GuidanceStatus | None:
+    """The controller's word, if it is about the present goal."""
+    guidance = inputs.guidance
+    return guidance if guidance is not None and guidance.goal_number == state.goal.number else None

@@ -1,0 +1,40 @@
+"""When a forced disarm is allowed. Pure.
+
+PX4 refuses a plain disarm until its own land detector has spoken, which on a moving pad may never be. A forced disarm
+is obeyed at once, in the air too, so it is asked for only when everything says that the vehicle stands on the pad.
+"""
+
+from __future__ import annotations
+
+import math
+
+from app.frames import rotation_from_quaternion
+from app.messages import GuidanceStatus, PadTrack, VehicleState
+
+HEIGHT_MAX_M = 0.45
+"""Body origin above the pad: legs of up to 30 cm and the drift of PX4's height during the blind last part."""
+HEIGHT_MIN_M = -0.30
+RELATIVE_SPEED_MAX_M_S = 0.8
+TILT_MAX_RAD = math.radians(20.0)
+MOVING_PAD_M_S = 0.5
+HELD_MOVING_S = 0.25
+"""On a moving pad: beyond the time that the contact monitor itself waits."""
+HELD_STATIC_S = 7.0
+"""On a pad at rest PX4's own detector needs 5 s after contact at 0.5 m/s of sink (measured); force only after that."""
+
+
+def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: GuidanceStatus) -> bool:
+    """Whether every condition holds: committed, in contact long enough, at the pad's height, slow and level."""
+    if track is None or not (guidance.committed and guidance.contact):
+        return False
+    if guidance.height_above_pad_m is None or guidance.relative_speed_m_s is None:
+        return False
+    if not HEIGHT_MIN_M <= guidance.height_above_pad_m <= HEIGHT_MAX_M:
+        return False
+    if guidance.relative_speed_m_s > RELATIVE_SPEED_MAX_M_S:
+        return False
+    cos_tilt = float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])
+    if math.acos(max(-1.0, min(1.0, cos_tilt))) > TILT_MAX_RAD:
+        return False
+    moving = math.hypot(track.vel_ned_m_s[0], track.vel_ned_m_s[1]) > MOVING_PAD_M_S
+    return guidance.contact_held_s >= (HELD_MOVING_S if moving else HELD_STATIC_S)
