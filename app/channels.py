@@ -1,4 +1,5 @@
-"""The queues between tasks. `Latest` keeps the newest item and counts what it drops; `Events` keeps all, in order.
+"""The queues between tasks. `Latest` keeps the newest item, `Window` the newest few, and both count what they drop;
+`Events` keeps all, in order.
 
 A publisher holds a `Topic` and each consumer its own queue, made by `subscribe`, so that one slow consumer never
 takes an item from another.
@@ -12,28 +13,39 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Latest(asyncio.Queue[T], Generic[T]):
-    """A queue of one: a newer item overwrites an unread one.
+class Window(asyncio.Queue[T], Generic[T]):
+    """A queue of the newest `length` items: when it is full, a newer item pushes the oldest out.
 
     Attributes:
         name: What it carries, for logs.
-        dropped: How many items were overwritten unread.
+        dropped: How many items were pushed out unread.
         newest: The newest item ever put, read or not; None before the first.
     """
 
-    def __init__(self, name: str) -> None:
-        super().__init__(maxsize=1)
+    def __init__(self, name: str, length: int) -> None:
+        super().__init__(maxsize=length)
         self.name = name
         self.dropped = 0
         self.newest: T | None = None
 
     def put_newest(self, item: T) -> None:
-        """Put an item, overwriting an unread one."""
+        """Put an item, pushing the oldest unread one out if there is no room."""
         if self.full():
             self.get_nowait()
             self.dropped += 1
         self.newest = item
         self.put_nowait(item)
+
+    def drain(self) -> list[T]:
+        """Everything that waits now, oldest first, without waiting."""
+        return [self.get_nowait() for _ in range(self.qsize())]
+
+
+class Latest(Window[T], Generic[T]):
+    """A queue of one: a newer item overwrites an unread one."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, 1)
 
 
 class Events(asyncio.Queue[T], Generic[T]):
@@ -57,10 +69,7 @@ class Events(asyncio.Queue[T], Generic[T]):
 
     def drain(self) -> list[T]:
         """Everything that waits now, oldest first, without waiting."""
-        items: list[T] = []
-        while not self.empty():
-            items.append(self.get_nowait())
-        return items
+        return [self.get_nowait() for _ in range(self.qsize())]
 
 
 class Topic(Generic[T]):
@@ -68,13 +77,19 @@ class Topic(Generic[T]):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._latest: list[Latest[T]] = []
+        self._windows: list[Window[T]] = []
         self._events: list[Events[T]] = []
 
     def subscribe(self) -> Latest[T]:
         """A new queue that holds the newest item."""
         queue: Latest[T] = Latest(self.name)
-        self._latest.append(queue)
+        self._windows.append(queue)
+        return queue
+
+    def subscribe_window(self, length: int) -> Window[T]:
+        """A new queue that holds the newest `length` items."""
+        queue: Window[T] = Window(self.name, length)
+        self._windows.append(queue)
         return queue
 
     def subscribe_all(self, capacity: int = 256) -> Events[T]:
@@ -85,7 +100,7 @@ class Topic(Generic[T]):
 
     def publish(self, item: T) -> None:
         """Give an item to every subscriber."""
-        for latest in self._latest:
-            latest.put_newest(item)
+        for window in self._windows:
+            window.put_newest(item)
         for events in self._events:
             events.emit(item)

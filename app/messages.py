@@ -452,6 +452,61 @@ class GuidanceStatus:
     climbed: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class GoalOrder:
+    """A goal with a lease: the mission renews it at every step, and the controller obeys no order that is older than
+    the limit, so a mission that hangs doesn't leave the vehicle flying its last wish.
+
+    Attributes:
+        t_s: When the mission last renewed it.
+        goal: What to do.
+    """
+
+    t_s: float
+    goal: Goal
+
+
+@dataclass(frozen=True, slots=True)
+class MissionReport:
+    """What the mission is about, for the display and the record.
+
+    Attributes:
+        t_s: When.
+        phase: The state.
+        goal_kind: What the controller is told.
+        reason: Why the phase was entered.
+        tries: Approaches that failed.
+        command: Name of the running command, or None.
+    """
+
+    t_s: float
+    phase: Phase
+    goal_kind: GoalKind
+    reason: str
+    tries: int
+    command: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ControlTurn:
+    """One turn of the control loop, for the record.
+
+    Attributes:
+        t_s: When the setpoint was sent.
+        period_s: Since the turn before.
+        setpoint: What was sent; None if nothing was.
+        fix_latency_s: From the exposure of the frame behind the newest fix to this setpoint; only in the first turn
+            that uses that fix.
+        status: What the controller told the mission.
+    """
+
+    t_s: float
+    period_s: float
+    setpoint: Setpoint | None
+    fix_latency_s: float | None
+    status: GuidanceStatus | None
+
+
 # ---------------------------------------------------------------------------------------------------------- safety
 class Hazard(StrEnum):
     """What can be wrong, gravest first."""

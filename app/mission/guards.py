@@ -18,6 +18,7 @@ from app.mission.transitions import fail, go, guidance_of
 
 
 def take_results(state: MissionState, inputs: MissionInputs) -> MissionState:
+    """The state with what the autopilot answered to the action that is pending; other answers are stale."""
     for result in inputs.results:
         if result.action is not state.pending:
             continue
@@ -43,6 +44,7 @@ def end_of_flight(state: MissionState, inputs: MissionInputs, now_s: float) -> T
 
 
 def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transition | None:
+    """Hands off, the moment PX4 is in a mode that Alight did not ask for."""
     vehicle = inputs.vehicle
     if vehicle is None or not vehicle.armed:
         return None
@@ -69,6 +71,7 @@ def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transitio
 
 
 def safety(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    """Act on the gravest hazard; once the landing is committed only on one that forbids commanding."""
     verdict = inputs.verdict
     if verdict is None or state.phase not in ACTIVE:
         return None

@@ -39,6 +39,7 @@ MISSED_BELOW_PAD_M = -0.35
 
 
 def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
+    """What the present phase makes of the inputs."""
     vehicle = inputs.vehicle
     if vehicle is None:
         return Transition(state)

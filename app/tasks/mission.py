@@ -1,0 +1,114 @@
+"""The mission's loop: gathers what is seen, calls the state machine, and passes on what it decides."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from app.channels import Events, Latest, Topic
+from app.clock import Clock
+from app.config import EstimationConfig, MissionConfig, SafetyConfig
+from app.estimation.target import is_confident
+from app.log import get_logger
+from app.messages import (
+    ActionResult,
+    CommandAnswer,
+    Detection,
+    GoalOrder,
+    GuidanceStatus,
+    MissionReport,
+    OperatorCommand,
+    OperatorText,
+    PadTrack,
+    VehicleState,
+)
+from app.mission.machine import step
+from app.mission.states import MissionInputs, MissionState, Transition
+from app.safety.disarm import may_force_disarm
+from app.safety.monitors import judge
+from app.tasks.actions import ActionRequest
+
+log = get_logger("mission")
+
+PERIOD_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class MissionQueues:
+    """What the mission reads and writes."""
+
+    vehicle: Latest[VehicleState]
+    tracks: Latest[PadTrack]
+    statuses: Latest[GuidanceStatus]
+    detections: Latest[Detection]
+    commands: Events[OperatorCommand]
+    results: Events[ActionResult]
+    orders: Topic[GoalOrder]
+    requests: Events[ActionRequest]
+    answers: Events[CommandAnswer]
+    texts: Events[OperatorText]
+    reports: Topic[MissionReport]
+
+
+@dataclass(frozen=True, slots=True)
+class MissionSettings:
+    """The sections of the configuration that the mission reads."""
+
+    mission: MissionConfig
+    estimation: EstimationConfig
+    safety: SafetyConfig
+
+
+async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock: Clock) -> None:
+    """Step the state machine 20 times a second until cancelled."""
+    state = MissionState(since_s=clock.now_s())
+    reason = "started"
+    while True:
+        now_s = clock.now_s()
+        transition = step(state, _inputs(state, queues, settings, now_s), now_s, settings.mission)
+        if transition.reason is not None:
+            reason = transition.texts[0].text if transition.texts else transition.reason.value
+            log.info(
+                "phase.entered",
+                phase=transition.state.phase.value,
+                before=state.phase.value,
+                reason=transition.reason.value,
+                tries=transition.state.tries,
+            )
+        state = transition.state
+        _pass_on(transition, queues, now_s)
+        command = state.command.action.name.lower() if state.command is not None else None
+        queues.reports.publish(MissionReport(now_s, state.phase, state.goal.kind, reason, state.tries, command))
+        await asyncio.sleep(PERIOD_S)
+
+
+def _inputs(state: MissionState, queues: MissionQueues, settings: MissionSettings, now_s: float) -> MissionInputs:
+    vehicle, track, guidance = queues.vehicle.newest, queues.tracks.newest, queues.statuses.newest
+    detection = queues.detections.newest
+    last_frame_s = None if detection is None else detection.t_capture_s
+    usable = (
+        track is not None
+        and is_confident(track, settings.estimation)
+        and now_s - track.t_last_fix_s <= settings.safety.track_stale_s
+    )
+    allowed = vehicle is not None and guidance is not None and may_force_disarm(vehicle, track, guidance)
+    return MissionInputs(
+        vehicle=vehicle,
+        track=track,
+        track_usable=usable,
+        guidance=guidance,
+        verdict=judge(vehicle, state.home_ned_m, last_frame_s, now_s, settings.safety),
+        command=None if queues.commands.empty() else queues.commands.get_nowait(),
+        results=tuple(queues.results.drain()),
+        may_force_disarm=allowed,
+    )
+
+
+def _pass_on(transition: Transition, queues: MissionQueues, now_s: float) -> None:
+    queues.orders.publish(GoalOrder(now_s, transition.state.goal))
+    if transition.action is not None:
+        queues.requests.emit(ActionRequest(transition.action, transition.action_height_m))
+    for answer in transition.answers:
+        queues.answers.emit(answer)
+    for text in transition.texts:
+        queues.texts.emit(text)

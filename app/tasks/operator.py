@@ -1,0 +1,42 @@
+"""The phone: commands in, answers and lines out."""
+
+from __future__ import annotations
+
+import asyncio
+
+from app.channels import Events
+from app.log import get_logger
+from app.messages import CommandAnswer, OperatorCommand, OperatorText
+from app.ports import OperatorLink
+
+log = get_logger("operator")
+
+
+async def run_operator(
+    *,
+    link: OperatorLink,
+    commands: Events[OperatorCommand],
+    answers: Events[CommandAnswer],
+    texts: Events[OperatorText],
+) -> None:
+    """Run until cancelled."""
+    async with asyncio.TaskGroup() as group:
+        group.create_task(_receive(link, commands))
+        group.create_task(_answer(link, answers))
+        group.create_task(_say(link, texts))
+
+
+async def _receive(link: OperatorLink, commands: Events[OperatorCommand]) -> None:
+    async for command in link.commands():
+        log.info("command.received", action=command.action.name, height_m=command.height_m, sender=command.sender)
+        commands.emit(command)
+
+
+async def _answer(link: OperatorLink, answers: Events[CommandAnswer]) -> None:
+    while True:
+        await link.answer(await answers.get())
+
+
+async def _say(link: OperatorLink, texts: Events[OperatorText]) -> None:
+    while True:
+        await link.say(await texts.get())
