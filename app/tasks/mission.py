@@ -46,7 +46,7 @@ class MissionQueues:
     orders: Topic[GoalOrder]
     requests: Events[ActionRequest]
     answers: Events[CommandAnswer]
-    texts: Events[OperatorText]
+    texts: Topic[OperatorText]
     reports: Topic[MissionReport]
 
 
@@ -111,4 +111,4 @@ def _pass_on(transition: Transition, queues: MissionQueues, now_s: float) -> Non
     for answer in transition.answers:
         queues.answers.emit(answer)
     for text in transition.texts:
-        queues.texts.emit(text)
+        queues.texts.publish(text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from app.channels import Events
+from app.channels import Events, Topic
 from app.log import get_logger
 from app.messages import CommandAnswer, OperatorCommand, OperatorText
 from app.ports import OperatorLink
@@ -15,7 +15,7 @@ log = get_logger("operator")
 async def run_operator(
     *,
     link: OperatorLink,
-    commands: Events[OperatorCommand],
+    commands: Topic[OperatorCommand],
     answers: Events[CommandAnswer],
     texts: Events[OperatorText],
 ) -> None:
@@ -26,10 +26,10 @@ async def run_operator(
         group.create_task(_say(link, texts))
 
 
-async def _receive(link: OperatorLink, commands: Events[OperatorCommand]) -> None:
+async def _receive(link: OperatorLink, commands: Topic[OperatorCommand]) -> None:
     async for command in link.commands():
         log.info("command.received", action=command.action.name, height_m=command.height_m, sender=command.sender)
-        commands.emit(command)
+        commands.publish(command)
 
 
 async def _answer(link: OperatorLink, answers: Events[CommandAnswer]) -> None:

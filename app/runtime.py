@@ -1,0 +1,277 @@
+"""The application: opens the ports, starts the tasks, supervises them, and goes down in order.
+
+Critical tasks (telemetry, pose, control, mission, operator, actions) end the application when they fail; camera,
+detection and recorder are started again a bounded number of times. Whatever ends it, a vehicle that Alight was
+steering is told to hold before the setpoints stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+
+from app.channels import Events, Topic
+from app.clock import Clock
+from app.config import RigConfig
+from app.errors import AlightError, AutopilotError
+from app.estimation.target import TargetEstimator
+from app.estimation.vehicle_history import VehicleHistory
+from app.guidance.velocity import VelocityController
+from app.log import get_logger
+from app.messages import (
+    ActionResult,
+    AutopilotAction,
+    CommandAnswer,
+    ControlTurn,
+    Detection,
+    Frame,
+    GoalOrder,
+    GuidanceStatus,
+    MissionReport,
+    OperatorCommand,
+    OperatorText,
+    PadFix,
+    PadTrack,
+    Severity,
+    VehicleState,
+)
+from app.mission.states import ACTIVE
+from app.ports import Autopilot, Camera, OperatorLink, Recorder
+from app.systemd import Watchdog
+from app.tasks.actions import ActionRequest, run_actions
+from app.tasks.camera import run_camera
+from app.tasks.compute import Compute
+from app.tasks.control import run_control
+from app.tasks.detection import run_detection
+from app.tasks.mission import MissionQueues, MissionSettings, run_mission
+from app.tasks.operator import run_operator
+from app.tasks.pose import FixMaker, run_pose
+from app.tasks.recorder import Recorded, run_recorder
+from app.tasks.telemetry import run_telemetry
+from app.vision.detector import Detector
+
+log = get_logger("runtime")
+
+RESTARTS_MAX = 5
+RESTART_AFTER_S = 1.0
+EXECUTOR_THREADS = 16
+"""MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What the application is made of.
+
+    Attributes:
+        config: The rig.
+        camera: Makes a camera; called again for each restart.
+        autopilot: The vehicle.
+        operator: The phone.
+        recorder: The flight record, or None.
+        detector: Vision.
+        make_fix: Pose.
+        clock: The time.
+        compute: Where vision runs.
+    """
+
+    config: RigConfig
+    camera: Callable[[], Camera]
+    autopilot: Autopilot
+    operator: OperatorLink
+    recorder: Recorder | None
+    detector: Detector
+    make_fix: FixMaker
+    clock: Clock
+    compute: Compute
+
+
+class Application:
+    """One flight computer's worth of tasks.
+
+    Args:
+        parts: What it is made of.
+
+    The topics are public: whoever wants to watch subscribes before `run`.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._stop = asyncio.Event()
+        self.frames: Topic[Frame] = Topic("frames")
+        self.detections: Topic[Detection] = Topic("detections")
+        self.fixes: Topic[PadFix] = Topic("fixes")
+        self.tracks: Topic[PadTrack] = Topic("tracks")
+        self.vehicle: Topic[VehicleState] = Topic("vehicle")
+        self.orders: Topic[GoalOrder] = Topic("orders")
+        self.statuses: Topic[GuidanceStatus] = Topic("statuses")
+        self.turns: Topic[ControlTurn] = Topic("turns")
+        self.reports: Topic[MissionReport] = Topic("reports")
+        self.commands: Topic[OperatorCommand] = Topic("commands")
+        self.texts: Topic[OperatorText] = Topic("texts")
+        self._last_report = self.reports.subscribe()
+
+    def stop(self) -> None:
+        """Ask for an orderly end: hold if Alight is steering, then stop."""
+        self._stop.set()
+
+    async def run(self) -> None:
+        """Open everything, fly until `stop`, close everything.
+
+        Raises:
+            AlightError: A port doesn't open, or a critical part failed.
+        """
+        parts = self._parts
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(EXECUTOR_THREADS, "mavsdk"))
+        watchdog = Watchdog()
+        try:
+            async with AsyncExitStack() as stack:
+                if parts.recorder is not None:
+                    await stack.enter_async_context(parts.recorder)
+                autopilot = await stack.enter_async_context(parts.autopilot)
+                operator = await stack.enter_async_context(parts.operator)
+                gc.collect()
+                gc.freeze()  # what lives as long as the application needs no more looking at: no pauses from it
+                try:
+                    await self._fly(autopilot, operator, watchdog)
+                except BaseExceptionGroup as group:
+                    log.error("part.failed", error=str(_first(group)))
+                    await self._hold(autopilot)
+                    first = _first(group)
+                    if isinstance(first, AlightError):
+                        raise first from group
+                    raise
+        finally:
+            watchdog.close()
+
+    async def _fly(self, autopilot: Autopilot, operator: OperatorLink, watchdog: Watchdog) -> None:
+        parts, config = self._parts, self._parts.config
+        requests: Events[ActionRequest] = Events("requests")
+        results: Events[ActionResult] = Events("results")
+        commands = self.commands.subscribe_all()
+        answers: Events[CommandAnswer] = Events("answers")
+        texts = self.texts.subscribe_all()
+        queues = MissionQueues(
+            vehicle=self.vehicle.subscribe(),
+            tracks=self.tracks.subscribe(),
+            statuses=self.statuses.subscribe(),
+            detections=self.detections.subscribe(),
+            commands=commands,
+            results=results,
+            orders=self.orders,
+            requests=requests,
+            answers=answers,
+            texts=self.texts,
+            reports=self.reports,
+        )
+        pose = run_pose(
+            detections=self.detections.subscribe(),
+            vehicle=self.vehicle.subscribe_window(int(2 * config.autopilot.telemetry_rate_hz)),
+            fixes=self.fixes,
+            tracks=self.tracks,
+            history=VehicleHistory(config.estimation.history_s),
+            make_fix=parts.make_fix,
+            estimator=TargetEstimator(config.estimation),
+            compute=parts.compute,
+        )
+        control = run_control(
+            orders=self.orders.subscribe(),
+            tracks=self.tracks.subscribe(),
+            vehicle=self.vehicle.subscribe(),
+            statuses=self.statuses,
+            turns=self.turns,
+            controller=VelocityController(config.guidance, config.safety),
+            autopilot=autopilot,
+            safety=config.safety,
+            rate_hz=config.autopilot.setpoint_rate_hz,
+            clock=parts.clock,
+            alive=watchdog.alive,
+        )
+        settings = MissionSettings(config.mission, config.estimation, config.safety)
+        frames = self.frames.subscribe()
+        detector, compute = parts.detector, parts.compute
+
+        def detection() -> Awaitable[None]:
+            return run_detection(frames=frames, detections=self.detections, detector=detector, compute=compute)
+
+        async with asyncio.TaskGroup() as group:
+            tasks = [
+                group.create_task(run_telemetry(autopilot=autopilot, vehicle=self.vehicle), name="telemetry"),
+                group.create_task(pose, name="pose"),
+                group.create_task(control, name="control"),
+                group.create_task(run_actions(requests=requests, results=results, autopilot=autopilot), name="actions"),
+                group.create_task(
+                    run_operator(link=operator, commands=self.commands, answers=answers, texts=texts), name="operator"
+                ),
+                group.create_task(run_mission(queues=queues, settings=settings, clock=parts.clock), name="mission"),
+                group.create_task(self._supervise("camera", self._camera), name="camera"),
+                group.create_task(self._supervise("detection", detection), name="detection"),
+            ]
+            if parts.recorder is not None:
+                record = run_recorder(recorder=parts.recorder, recorded=self._recorded())
+                tasks.append(group.create_task(record, name="recorder"))
+            watchdog.ready()
+            log.info("application.started", setpoint_rate_hz=config.autopilot.setpoint_rate_hz)
+            await self._stop.wait()
+            log.info("application.stopping")
+            await self._hold(autopilot)
+            for task in tasks:
+                task.cancel()
+
+    def _recorded(self) -> tuple[Recorded, ...]:
+        topics: tuple[Topic[object], ...] = (  # type: ignore[assignment]  # a record takes every type
+            self.detections,
+            self.fixes,
+            self.tracks,
+            self.vehicle,
+            self.turns,
+            self.reports,
+            self.texts,
+            self.commands,
+        )
+        others = tuple(Recorded(topic.name, topic.subscribe_window(256)) for topic in topics)
+        return (Recorded(self.frames.name, self.frames.subscribe_window(8)), *others)
+
+    async def _camera(self) -> None:
+        async with self._parts.camera() as camera:
+            await run_camera(camera=camera, frames=self.frames)
+
+    async def _supervise(self, name: str, run: Callable[[], Awaitable[None]]) -> None:
+        """Run a part that may fail: start it again a bounded number of times, then let its last error end all.
+
+        A part that fails before the first frame has ever been seen was never right: its error ends all at once.
+        """
+        watch = self.frames.subscribe()
+        for attempt in range(RESTARTS_MAX + 1):
+            try:
+                await run()
+                return
+            except Exception as error:
+                if attempt == RESTARTS_MAX or watch.newest is None:
+                    raise
+                log.error("part.restarted", part=name, attempt=attempt + 1, error=str(error))
+                self.texts.publish(OperatorText(f"{name} failed, restart {attempt + 1}", Severity.ERROR))
+                await asyncio.sleep(RESTART_AFTER_S)
+
+    async def _hold(self, autopilot: Autopilot) -> None:
+        """Leave the vehicle in PX4's own hold, if Alight was steering it."""
+        report = self._last_report.newest
+        if report is None or report.phase not in ACTIVE:
+            return
+        try:
+            async with asyncio.timeout(2 * self._parts.config.autopilot.action_timeout_s):
+                await autopilot.execute(AutopilotAction.HOLD)
+            log.warning("vehicle.held", phase=report.phase.value)
+        except (AutopilotError, TimeoutError) as error:
+            log.error("vehicle.not_held", error=str(error))
+
+
+def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """The first error of a group, however nested."""
+    error: BaseException = group
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
