@@ -28,4 +28,5 @@ def configure_logging(*, verbose: bool = False) -> None:
 
 def get_logger(name: str) -> Any:
     """A logger that names its part of the application."""
-    return structlog.get_logger().bind(part=name)
+    # Not bind(): that would settle the configuration while modules are imported, before configure_logging has run.
+    return structlog.get_logger(part=name)

@@ -1,0 +1,403 @@
+"""PX4 over MAVLink with MAVSDK: the Autopilot port on the real link.
+
+Setpoints are our own SET_POSITION_TARGET_LOCAL_NED messages, each sent once; MAVSDK's Offboard plugin, which goes on
+sending the last one by itself, is never made (decision 0001). Telemetry is read raw, for the sake of the times since
+boot that MAVSDK's telemetry plugin leaves out. This file moves messages; what they mean is telemetry's,
+px4_commands' and boot_clock's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import deque
+from collections.abc import AsyncIterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import aclosing
+from types import TracebackType
+from typing import Any, Self
+
+from mavsdk.asyncio.plugins.events import EventsAsync
+from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync, MavlinkDirectError, MavlinkMessage
+from mavsdk.exceptions import MavsdkError
+
+from app.channels import Latest
+from app.config import AutopilotConfig
+from app.errors import AutopilotError
+from app.log import get_logger
+from app.messages import AutopilotAction, CommandResult, Setpoint, VehicleState
+from drivers.autopilot.px4_commands import SET_MESSAGE_INTERVAL, command_long, command_of, setpoint_fields
+from drivers.autopilot.telemetry import NAMES, VehicleTelemetry
+from drivers.mavsdk_session import MavsdkSession, encode, messages
+
+SETPOINT_AGE_MAX_S = 0.2
+"""An older setpoint is not sent: a process that was stopped must not act on what it knew before."""
+QUIET_S = 0.4
+"""Without an attitude for this long, the newest state is given again."""
+LOST_S = 1.5
+"""Without HEARTBEAT (1 Hz) and attitude for this long, the link is lost."""
+REOPEN_AFTER_S = 3.0
+"""A serial port is closed and opened again after this long without a word."""
+ALTITUDE_AGE_MAX_S = 3.0
+WARM_UP_STATES = 10
+"""Attitudes that settle the clock's offset before the first state is given out."""
+AUTOPILOT_COMPONENT = 1
+_SEVERITY_NOTICE = 5
+
+_log = get_logger("autopilot")
+
+
+class Px4Autopilot:
+    """PX4 on a MAVLink address. Its times, and those of setpoints, are CLOCK_MONOTONIC (time.monotonic).
+
+    Args:
+        config: Address, rates and time limits.
+
+    Attributes:
+        setpoints_sent: Setpoints given to the wire.
+        setpoints_dropped: Setpoints that were too old, or came while the one before was still being sent.
+    """
+
+    def __init__(self, config: AutopilotConfig) -> None:
+        self._config = config
+        self._telemetry = VehicleTelemetry()
+        self._session = MavsdkSession(config.address, 1, AutopilotError)
+        self._direct: Any = None
+        self._events: Any = None
+        self._background: asyncio.Task[None] | None = None
+        self._readers: list[Latest[VehicleState | None]] = []
+        self._newest: VehicleState | None = None
+        self._states_seen = 0
+        self._warm = asyncio.Event()
+        self._rates_wanted = asyncio.Event()
+        self._rates_set = asyncio.Event()
+        self._words: deque[tuple[float, str]] = deque(maxlen=16)
+        self._spoke = asyncio.Event()
+        # One thread, so that a setpoint never waits behind other calls, and its age is looked at last of all.
+        self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="setpoint")
+        self._sending = False
+        self._send_failing = False
+        self.setpoints_sent = 0
+        self.setpoints_dropped = 0
+
+    @property
+    def session(self) -> MavsdkSession:
+        """The open link, for a phone that is reached through the autopilot."""
+        return self._session
+
+    @property
+    def system_id(self) -> int:
+        """MAVLink system id of the drone, which is ours too; known once open."""
+        return self._session.system_id
+
+    # ----------------------------------------------------------------------------------------------- open and close
+    async def __aenter__(self) -> Self:
+        """Connect, ask for the telemetry rates, and wait for the first attitudes.
+
+        Raises:
+            AutopilotError: The address can't work, no autopilot answers, or it sends no attitude.
+        """
+        try:
+            await self._open()
+        except BaseException:
+            await self._close()
+            raise
+        _log.info("autopilot.connected", address=self._config.address, system_id=self.system_id)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop reading and destroy the link."""
+        await self._close()
+
+    async def _open(self) -> None:
+        deadline_s = time.monotonic() + self._config.connect_timeout_s
+        system = await self._find(deadline_s)
+        system_id = await system.get_system_id()
+        if system_id != self._session.system_id:
+            # Our system id must be the drone's, and MAVSDK takes it at the start only.
+            await self._session.close()
+            self._session = MavsdkSession(self._config.address, system_id, AutopilotError)
+            system = await self._find(deadline_s + 5.0)
+        self._direct = MavlinkDirectAsync(system)
+        self._events = EventsAsync(system)
+        self._rates_wanted.set()
+        self._background = asyncio.create_task(self._run(), name="autopilot")
+        self._background.add_done_callback(self._on_background_done)
+        try:
+            async with asyncio.timeout(max(5.0, deadline_s - time.monotonic())):
+                await self._warm.wait()
+                await self._rates_set.wait()
+        except TimeoutError:
+            raise AutopilotError(
+                f"{self._config.address}: system {self.system_id} answers but sends no attitude",
+                "wait until its estimator runs, and see that its MAVLink instance is in mode Onboard",
+            ) from None
+
+    async def _find(self, deadline_s: float) -> Any:
+        await self._session.open()
+        system = await self._session.mavsdk.first_autopilot(max(0.1, deadline_s - time.monotonic()))
+        if system is None:
+            address = self._config.address
+            do = (
+                "check the wiring (TX to RX), the baud rate and PX4's MAV_1_CONFIG"
+                if address.startswith("serial")
+                else "start PX4, check the port, and see that no other program takes its packets"
+            )
+            raise AutopilotError(f"{address}: no autopilot's heartbeat within {self._config.connect_timeout_s:g} s", do)
+        return system
+
+    async def _close(self) -> None:
+        background, self._background = self._background, None
+        if background is not None:
+            background.cancel()
+            await asyncio.wait({background})
+        self._direct = self._events = None
+        await self._session.close()
+        self._sender.shutdown(wait=False, cancel_futures=True)
+
+    # ------------------------------------------------------------------------------------------------------ reading
+    async def states(self) -> AsyncIterator[VehicleState]:
+        """The newest state at each attitude, and at least twice a second while none comes.
+
+        Raises:
+            AutopilotError: The link is closed.
+        """
+        queue: Latest[VehicleState | None] = Latest("vehicle")
+        self._readers.append(queue)
+        if self._newest is not None:
+            queue.put_newest(self._newest)
+        try:
+            while self._background is not None:
+                state = await queue.get()
+                if state is None:
+                    break
+                yield state
+        finally:
+            self._readers.remove(queue)
+        raise AutopilotError(f"{self._config.address}: the link was closed", "start again")
+
+    def _publish(self, state: VehicleState | None) -> None:
+        if state is not None:
+            self._newest = state
+        for queue in self._readers:
+            queue.put_newest(state)
+
+    def _on_background_done(self, task: asyncio.Task[None]) -> None:
+        """Readers end with the background; what ended it is told by its own exception."""
+        self._publish(None)
+        if not task.cancelled() and task.exception() is not None:
+            _log.error("autopilot.failed", error=repr(task.exception()))
+
+    async def _run(self) -> None:
+        async with asyncio.TaskGroup() as group:
+            for name in NAMES:
+                group.create_task(self._read(name), name=f"autopilot-{name}")
+            group.create_task(self._read_statustexts(), name="autopilot-statustext")
+            group.create_task(self._read_events(), name="autopilot-events")
+            group.create_task(self._watch(), name="autopilot-watch")
+            group.create_task(self._keep_rates(), name="autopilot-rates")
+
+    async def _read(self, name: str) -> None:
+        sender = (self.system_id, AUTOPILOT_COMPONENT)
+        async with aclosing(messages(self._direct, name)) as stream:
+            async for message in stream:
+                if (message.system_id, message.component_id) != sender:
+                    continue
+                state = self._telemetry.take(message.name, message.fields, time.monotonic())
+                if state is None:
+                    continue
+                self._states_seen += 1
+                if self._states_seen >= WARM_UP_STATES:
+                    self._warm.set()
+                    self._publish(state)
+
+    async def _watch(self) -> None:
+        """Give the state again while no attitude comes; see the link lost and regained; re-open a dead serial port."""
+        connected, restarts, reopened_s = True, 0, time.monotonic()
+        while True:
+            await asyncio.sleep(QUIET_S / 2.0)
+            now_s = time.monotonic()
+            silent_s = now_s - self._telemetry.last_heard_s
+            was_connected, connected = connected, silent_s < LOST_S
+            if was_connected and not connected:
+                _log.warning("autopilot.lost", silent_s=round(silent_s, 2))
+            if connected and not was_connected:
+                _log.info("autopilot.regained")
+            if self._telemetry.clock.restarts != restarts or (connected and not was_connected):
+                restarts = self._telemetry.clock.restarts
+                self._rates_wanted.set()
+            newest_s = self._newest.t_capture_s if self._newest is not None else now_s
+            if now_s - newest_s > QUIET_S or not connected:
+                self._publish_again(connected=connected)
+            serial = self._config.address.startswith("serial")
+            if serial and silent_s > REOPEN_AFTER_S and now_s - reopened_s > REOPEN_AFTER_S:
+                reopened_s = now_s
+                await self._session.reconnect()
+
+    def _publish_again(self, *, connected: bool) -> None:
+        state = self._telemetry.without_attitude(connected=connected)
+        if state is not None:
+            self._publish(state)
+
+    async def _keep_rates(self) -> None:
+        """Ask for the telemetry rates now, and again after a loss or a restart of the autopilot."""
+        fast_hz = self._config.telemetry_rate_hz
+        rates_hz = {31: fast_hz, 32: fast_hz, 436: 10.0, 245: 20.0, 1: 5.0, 230: 5.0, 33: 2.0}
+        while True:
+            await self._rates_wanted.wait()
+            self._rates_wanted.clear()
+            for message_id, rate_hz in rates_hz.items():
+                params = (float(message_id), 1e6 / rate_hz)
+                try:
+                    result = await self._command(command_long(self.system_id, SET_MESSAGE_INTERVAL, *params))
+                except MavlinkDirectError as fault:
+                    result = fault.result.name
+                if result != CommandResult.ACCEPTED.name:
+                    _log.warning("telemetry.rate_refused", message_id=message_id, rate_hz=rate_hz, result=result)
+            self._rates_set.set()
+
+    # ------------------------------------------------------------------------------------------- the autopilot's words
+    async def _read_statustexts(self) -> None:
+        async with aclosing(messages(self._direct, "STATUSTEXT")) as stream:
+            async for message in stream:
+                if message.component_id == AUTOPILOT_COMPONENT and int(message.fields["severity"]) <= _SEVERITY_NOTICE:
+                    self._note(str(message.fields["text"]).strip("\x00 \t\n"))
+
+    async def _read_events(self) -> None:
+        async with aclosing(self._events.subscribe_events()) as stream:
+            async for event in stream:
+                if int(event.log_level) <= _SEVERITY_NOTICE:
+                    self._note(event.message.strip())
+
+    def _note(self, words: str) -> None:
+        self._words.append((time.monotonic(), words))
+        self._spoke.set()
+        _log.info("autopilot.said", words=words)
+
+    async def _words_since(self, start_s: float) -> list[str]:
+        """What the autopilot said from a time on; it comes right after the refusal, so it is waited for a little."""
+        try:
+            async with asyncio.timeout(0.4):
+                while not any(t_s >= start_s for t_s, _ in self._words):
+                    self._spoke.clear()
+                    await self._spoke.wait()
+        except TimeoutError:
+            return []
+        return list(dict.fromkeys(words for t_s, words in self._words if t_s >= start_s))
+
+    async def _arming_problems(self) -> list[str]:
+        """What PX4's own arming checks find wrong, most important first; empty where it doesn't tell."""
+        try:
+            async with asyncio.timeout(1.0):
+                report = await self._events.get_health_and_arming_checks_report()
+        except (TimeoutError, MavsdkError):
+            return []
+        problems = report.current_mode_intention.problems or report.all_problems
+        return list(dict.fromkeys(p.message for p in sorted(problems, key=lambda p: int(p.log_level)) if p.message))[:3]
+
+    # ----------------------------------------------------------------------------------------------------- commanding
+    async def send_setpoint(self, setpoint: Setpoint) -> None:
+        """Send a velocity, acceleration and yaw in PX4's local frame, once, if it isn't older than SETPOINT_AGE_MAX_S.
+
+        A link that takes no message is no error here: it shows in states(), and PX4 acts on the missing setpoints.
+
+        Raises:
+            ValueError: The setpoint isn't finite.
+            AutopilotError: The link is closed.
+        """
+        direct = self._open_direct()
+        boot_s = self._telemetry.clock.to_boot_s(setpoint.t_s)
+        fields = encode(setpoint_fields(setpoint, self.system_id, boot_s))
+        if self._sending:
+            self.setpoints_dropped += 1
+            return
+        message = MavlinkMessage("SET_POSITION_TARGET_LOCAL_NED", 0, 0, self.system_id, AUTOPILOT_COMPONENT, fields)
+        self._sending = True
+        call = self._sender.submit(self._send_if_fresh, direct, message, setpoint.t_s)
+        call.add_done_callback(self._on_sent)
+        try:
+            async with asyncio.timeout(SETPOINT_AGE_MAX_S):
+                fault = await asyncio.wrap_future(call)
+        except TimeoutError:
+            fault = "blocked"
+        if fault and not self._send_failing:
+            _log.warning("setpoint.not_sent", fault=fault)
+        self._send_failing = bool(fault)
+
+    def _on_sent(self, _: Future[str]) -> None:
+        """On whichever thread the call ended or was cancelled."""
+        self._sending = False
+
+    def _send_if_fresh(self, direct: Any, message: MavlinkMessage, t_s: float) -> str:
+        """On the sending thread: the last look at the setpoint's age, then the wire. Returns a fault or ""."""
+        if time.monotonic() - t_s > SETPOINT_AGE_MAX_S:
+            self.setpoints_dropped += 1
+            return "too old"
+        try:
+            # The plugin's blocking call: its coroutine would queue behind other calls in the loop's executor.
+            direct._plugin.send_message(message)  # noqa: SLF001
+        except MavlinkDirectError as fault:
+            return str(fault.result.name)
+        self.setpoints_sent += 1
+        return ""
+
+    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
+        """Run an action to PX4's answer, within action_timeout_s. TAKEOFF climbs to height_m above the present height.
+
+        The answer is PX4's acceptance; that the mode has changed is seen in states().
+
+        Raises:
+            AutopilotError: PX4 refused (with its words), gave no answer in time, or the link is closed.
+        """
+        self._open_direct()
+        start_s = time.monotonic()
+        fields = command_of(action, self.system_id, self._takeoff_amsl_m(action, height_m, start_s))
+        try:
+            async with asyncio.timeout(self._config.action_timeout_s):
+                result = await self._command(fields)
+        except TimeoutError:
+            raise AutopilotError(
+                f"PX4 gave no final answer to {action.value} within {self._config.action_timeout_s:g} s",
+                "check the link",
+            ) from None
+        except MavlinkDirectError as fault:
+            raise AutopilotError(f"PX4 did not answer {action.value} ({fault.result.name})", "check the link") from None
+        if result != CommandResult.ACCEPTED.name:
+            words = await self._words_since(start_s)
+            if action is AutopilotAction.ARM:
+                words += await self._arming_problems()
+            said = f": {'; '.join(words)}" if words else ""
+            raise AutopilotError(f"PX4 refused to {action.value} ({result}){said}", "see what PX4 says")
+        if action in (AutopilotAction.ARM, AutopilotAction.DISARM, AutopilotAction.FORCE_DISARM):
+            self._telemetry.note_armed(action is AutopilotAction.ARM)
+
+    def _takeoff_amsl_m(self, action: AutopilotAction, height_m: float, now_s: float) -> float:
+        if action is not AutopilotAction.TAKEOFF:
+            return 0.0
+        altitude = self._telemetry.altitude_amsl_m
+        if altitude is None or now_s - altitude[1] > ALTITUDE_AGE_MAX_S:
+            raise AutopilotError(
+                "PX4 gives no height above sea level (GLOBAL_POSITION_INT), which its take-off wants",
+                "wait for a GNSS fix",
+            )
+        return altitude[0] + height_m
+
+    async def _command(self, fields: dict[str, Any]) -> str:
+        """Send a COMMAND_LONG and return the name of the autopilot's final MAV_RESULT.
+
+        Raises:
+            MavlinkDirectError: No answer came to four sends in two seconds, or the system is gone.
+        """
+        message = MavlinkMessage("COMMAND_LONG", 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(fields))
+        ack = await self._open_direct().send_command(message)
+        result = int(json.loads(ack.fields_json)["result"])
+        known = {r.value: r.name for r in CommandResult}
+        return known.get(result, f"MAV_RESULT {result}")
+
+    def _open_direct(self) -> Any:
+        if self._direct is None:
+            raise AutopilotError(f"{self._config.address}: the link is closed", "open it first")
+        return self._direct
