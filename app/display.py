@@ -1,0 +1,91 @@
+"""What a person sees while it flies: state, height, distance, frame rate. Reads queues, decides nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from app.channels import Latest
+from app.messages import Detection, GuidanceStatus, MissionReport, OperatorText, PadTrack, VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """The newest of each."""
+
+    vehicle: Latest[VehicleState]
+    detections: Latest[Detection]
+    tracks: Latest[PadTrack]
+    statuses: Latest[GuidanceStatus]
+    reports: Latest[MissionReport]
+    texts: Latest[OperatorText]
+
+
+class Display:
+    """A line that changes in place on a terminal; elsewhere a plain line for each change of state.
+
+    Args:
+        title: What flies.
+        watched: Where to look.
+        console: Where to write.
+    """
+
+    def __init__(self, title: str, watched: Watched, console: Console) -> None:
+        self._title = title
+        self._watched = watched
+        self._console = console
+        self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+        self._shown: tuple[str, str] | None = None
+        self._frames: list[tuple[float, int]] = []
+
+    def __enter__(self) -> Display:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def refresh(self, now_s: float) -> None:
+        """Show what is newest; call it a few times a second."""
+        report = self._watched.reports.newest
+        phase = "starting" if report is None else report.phase.value
+        reason = "" if report is None else report.reason
+        if self._live is None:
+            if (phase, reason) != self._shown:
+                self._console.print(f"  {self._title}: {reason or phase}  ({self._figures(now_s)})", highlight=False)
+        else:
+            row = Table.grid(padding=(0, 2))
+            row.add_row(
+                f"[bold]{self._title}[/]", f"[bold cyan]{phase:<9}[/]", self._figures(now_s), f"[dim]{reason}[/]"
+            )
+            self._live.update(row, refresh=True)
+            if report is not None and self._shown is not None and (phase, reason) != self._shown:
+                self._console.print(f"  {self._title}: {reason}", highlight=False)
+        self._shown = (phase, reason)
+
+    def _figures(self, now_s: float) -> str:
+        vehicle, status = self._watched.vehicle.newest, self._watched.statuses.newest
+        fresh = status is not None and now_s - status.t_s < 1.0
+        height = status.height_above_pad_m if fresh and status is not None else None
+        distance = status.horizontal_error_m if fresh and status is not None else None
+        above = (
+            f"{height:5.2f} m over pad"
+            if height is not None
+            else (f"{-float(vehicle.pos_ned_m[2]):5.2f} m over home" if vehicle is not None else "    - m")
+        )
+        away = f"{distance:5.2f} m off" if distance is not None else "    - m off"
+        return f"{above}  {away}  {self._rate_hz(now_s):4.1f} frames/s"
+
+    def _rate_hz(self, now_s: float) -> float:
+        detection = self._watched.detections.newest
+        if detection is not None:
+            self._frames.append((now_s, detection.sequence))
+        self._frames = [item for item in self._frames if now_s - item[0] <= 2.0]
+        if len(self._frames) < 2 or self._frames[-1][0] - self._frames[0][0] < 0.2:
+            return 0.0
+        return (self._frames[-1][1] - self._frames[0][1]) / (self._frames[-1][0] - self._frames[0][0])
