@@ -1,0 +1,73 @@
+# Alight: `make help` lists what there is. Needs python3 >= 3.11 and make; everything else goes into .venv.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+VENV := .venv
+BIN := $(VENV)/bin
+PORT ?= 22
+DIR ?= alight
+CONFIG ?= configs/raspberry-pi.toml
+export PYTHON
+export PYTHONUNBUFFERED := 1
+
+# A stamp holds the folder it was made in: a checkout that was moved or copied is set up again.
+RUN_STAMP := $(VENV)/.runtime-installed
+DEV_STAMP := $(VENV)/.dev-installed
+stale = $(filter-out $(CURDIR),$(shell cat $(1) 2>/dev/null || echo none))
+ifneq ($(call stale,$(RUN_STAMP)),)
+.PHONY: $(RUN_STAMP)
+endif
+ifneq ($(call stale,$(DEV_STAMP)),)
+.PHONY: $(DEV_STAMP)
+endif
+
+.PHONY: help setup dev demo test sitl-test check lint types imports format deploy lock clean
+
+help: ## this list
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: $(RUN_STAMP) ## .venv with all that Alight runs on, and .venv/bin/alight
+dev: $(DEV_STAMP) ## the same with the tools of `make check`
+
+$(RUN_STAMP): requirements.lock pyproject.toml deploy/venv.sh
+	@echo "alight: setting up $(VENV) from $<"
+	@deploy/venv.sh $<
+	@printf '%s\n' '$(CURDIR)' >$@
+
+$(DEV_STAMP): requirements-dev.lock $(RUN_STAMP)
+	@echo "alight: adding the tools of $< to $(VENV)"
+	@deploy/venv.sh $<
+	@printf '%s\n' '$(CURDIR)' >$@
+
+demo: setup ## fly the paper's two experiments in the built-in simulator
+	@$(BIN)/alight demo $(ARGS)
+
+test: dev ## the tests
+	@$(BIN)/python -m pytest -m 'not sitl' $(ARGS)
+
+sitl-test: dev ## the tests that fly a running PX4 SITL
+	@$(BIN)/python -m pytest -m sitl $(ARGS)
+
+check: lint types imports test ## all that CI runs
+
+lint: dev ## style of the code
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+
+types: dev ## strict types
+	@$(BIN)/mypy
+
+imports: dev ## imports point downward
+	@$(BIN)/lint-imports
+
+format: dev ## put the style right
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+deploy: ## install on a Pi: make deploy HOST=user@pi [DIR=alight] [PORT=22] [CONFIG=...] [RESTART=1]
+	@HOST='$(HOST)' DIR='$(DIR)' PORT='$(PORT)' CONFIG='$(CONFIG)' RESTART='$(RESTART)' deploy/push.sh
+
+lock: ## resolve the versions anew into requirements.lock and requirements-dev.lock
+	@deploy/lock.sh $(ARGS)
+
+clean: ## remove .venv and the caches
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
