@@ -45,10 +45,12 @@ class Text:
     """A line that PX4 tells the ground station.
 
     Attributes:
+        number: Counts up from 1.
         severity: MAV_SEVERITY.
         text: At most 50 characters.
     """
 
+    number: int
     severity: int
     text: str
 
@@ -61,7 +63,7 @@ class Commander:
         intent: The mode that was asked for.
         mode: The mode that is flown.
         taken_off: It has left the ground since it was armed.
-        texts: What there is to tell, oldest first; the link drains it.
+        texts: The newest things told, oldest first, each with its number, which counts up.
     """
 
     def __init__(self, params: Params) -> None:
@@ -76,6 +78,7 @@ class Commander:
         self.mode = FlightMode.HOLD
         self.taken_off = False
         self.texts: list[Text] = []
+        self._told = 0
 
     @property
     def ready(self) -> bool:
@@ -180,5 +183,6 @@ class Commander:
         self._say(6, why)
 
     def _say(self, severity: int, text: str) -> None:
-        self.texts.append(Text(severity, text[:50]))
+        self._told += 1
+        self.texts.append(Text(self._told, severity, text[:50]))
         del self.texts[:-20]
