@@ -26,7 +26,10 @@ help: ## this list
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(RUN_STAMP) ## .venv with all that Alight runs on, and .venv/bin/alight
+	@echo "alight: ready: $(BIN)/alight"
+
 dev: $(DEV_STAMP) ## the same with the tools of `make check`
+	@echo "alight: ready, with the tools of make check"
 
 $(RUN_STAMP): requirements.lock pyproject.toml deploy/venv.sh
 	@echo "alight: setting up $(VENV) from $<"
@@ -38,28 +41,28 @@ $(DEV_STAMP): requirements-dev.lock $(RUN_STAMP)
 	@deploy/venv.sh $<
 	@printf '%s\n' '$(CURDIR)' >$@
 
-demo: setup ## fly the paper's two experiments in the built-in simulator
+demo: $(RUN_STAMP) ## fly the paper's two experiments in the built-in simulator
 	@$(BIN)/alight demo $(ARGS)
 
-test: dev ## the tests
+test: $(DEV_STAMP) ## the tests
 	@$(BIN)/python -m pytest -m 'not sitl' $(ARGS)
 
-sitl-test: dev ## the tests that fly a running PX4 SITL
+sitl-test: $(DEV_STAMP) ## the tests that fly a running PX4 SITL
 	@$(BIN)/python -m pytest -m sitl $(ARGS)
 
 check: lint types imports test ## all that CI runs
 
-lint: dev ## style of the code
+lint: $(DEV_STAMP) ## style of the code
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 
-types: dev ## strict types
+types: $(DEV_STAMP) ## strict types
 	@$(BIN)/mypy
 
-imports: dev ## imports point downward
+imports: $(DEV_STAMP) ## imports point downward
 	@$(BIN)/lint-imports
 
-format: dev ## put the style right
+format: $(DEV_STAMP) ## put the style right
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 

@@ -147,6 +147,28 @@ def _place(parent: Array, child: Array) -> Array:
     return np.asarray(solution[:2], dtype=np.float64)
 
 
+def _check_gap(name: str, label: str, spec: ContourSpec, parent: Contour, gap_m: float, limit_m: float) -> None:
+    """Refuse a contour that comes too near to its parent's sides, touches them or sticks out.
+
+    The shapes are convex and each lies in the one before, so neighbours are the only pairs that can meet.
+    """
+    if gap_m >= limit_m - 1e-12:
+        return
+    touch_m = 1e-9
+    if gap_m < -touch_m:
+        what = f"{label} crosses {parent.name}: it sticks out by {-gap_m * 1000:.2f} mm"
+    elif gap_m <= touch_m:
+        what = f"{label} touches {parent.name}"
+    else:
+        what = f"{label} in {parent.name} leaves a gap of {gap_m * 1000:.2f} mm"
+    moved = spec.offset_forward_m != 0.0 or spec.offset_right_m != 0.0
+    raise LandmarkError(
+        f"landmark {name!r}: {what}",
+        f"a gap of at least {limit_m * 1000:.2f} mm (1% of the size) is needed: make {label} smaller "
+        f"(its area_ratio is {spec.area_ratio:g})" + (" or move it less" if moved else ""),
+    )
+
+
 def build_landmark(
     name: str, size_m: float, specs: tuple[ContourSpec, ...], quiet_zone_m: float | None = None
 ) -> Landmark:
@@ -159,7 +181,7 @@ def build_landmark(
         quiet_zone_m: Side of the white square about it; 46/38 of the size by default.
 
     Raises:
-        LandmarkError: Shapes touch or cross, or a gap is under the limit; it names the two and the limit.
+        LandmarkError: Shapes touch or cross, or a gap or a side is under the limit; it names the two and the limit.
     """
     if len(specs) < 2:
         raise LandmarkError(f"landmark {name!r} has {len(specs)} contour(s)", "give at least 2")
@@ -178,20 +200,24 @@ def build_landmark(
         )
     contours: list[Contour] = []
     for k, spec in enumerate(specs):
-        corners: Array = _unit_polygon(spec.shape) * math.sqrt(spec.area_ratio) * size_m
         label = f"{spec.shape.value[0].upper()}{k + 1}"
+        if not 0.0 < spec.area_ratio <= 1.0:
+            raise LandmarkError(
+                f"landmark {name!r}: {label} has area_ratio {spec.area_ratio:g}", "give more than 0 and at most 1"
+            )
+        corners: Array = _unit_polygon(spec.shape) * math.sqrt(spec.area_ratio) * size_m
         if contours:
             parent = contours[-1]
             corners = corners + _place(parent.corners_m, corners)
             corners = corners + np.array([spec.offset_forward_m, spec.offset_right_m], dtype=np.float64)
-            gap_m = float(gaps_m(parent.corners_m, corners).min())
-            if gap_m < limit_m:
-                raise LandmarkError(
-                    f"landmark {name!r}: {label} in {parent.name} leaves a gap of {gap_m * 1000:.1f} mm",
-                    f"at least {limit_m * 1000:.1f} mm (1% of the size) is needed: make {label} smaller "
-                    f"(area_ratio is {spec.area_ratio:g}) or move it",
-                )
+            _check_gap(name, label, spec, parent, float(gaps_m(parent.corners_m, corners).min()), limit_m)
         contours.append(Contour(label, spec.shape, k % 2 == 0, corners))
+        if contours[-1].side_m < limit_m:
+            raise LandmarkError(
+                f"landmark {name!r}: {label} has sides of {contours[-1].side_m * 1000:.2f} mm",
+                f"at least {limit_m * 1000:.2f} mm (1% of the size) is needed: give it a larger area_ratio "
+                f"(it is {spec.area_ratio:g}) or leave it out",
+            )
     return Landmark(name, tuple(contours), zone_m)
 
 

@@ -45,9 +45,12 @@ install_ensurepip() {
     fi
     echo "alight: installing $package, which this Python lacks"
     export DEBIAN_FRONTEND=noninteractive
-    as_root apt-get install -y --no-install-recommends "$package" >/dev/null 2>&1 ||
-        { as_root apt-get update >/dev/null && as_root apt-get install -y --no-install-recommends "$package" >/dev/null; } ||
+    local said
+    if ! said=$(as_root apt-get install -y --no-install-recommends "$package" 2>&1) &&
+        ! said=$(as_root apt-get update 2>&1 && as_root apt-get install -y --no-install-recommends "$package" 2>&1); then
+        printf '%s\n' "$said" >&2
         die "$package could not be installed; run: sudo apt-get install $package   and then this again"
+    fi
 }
 
 python=$(find_python)
