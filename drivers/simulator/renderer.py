@@ -1,0 +1,348 @@
+"""What the camera sees: ground, the pad, the van that carries it and the shadows, through the lens, for a short
+exposure.
+
+Written from geometry alone: each pixel's direction is turned into the world and cut with the horizontal planes of the
+scene, nearest plane last. Light is linear; sensor.py makes grey levels of it. Nothing here knows the time: the same
+truth and seed give the same frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import CameraConfig, LensConfig, WorldConfig
+from app.frames import BODY_FROM_CAM_DOWN, rotation_from_euler, rotation_from_quaternion
+from app.landmark import Landmark
+from app.messages import Image
+from drivers.simulator.decals import Decal, landmark_decal
+from drivers.simulator.lens import Lens
+from drivers.simulator.scene import drone_shadow, lane_mark
+from drivers.simulator.sensor import Sensor
+from drivers.simulator.textures import LAND_M, PATCH_M, TILE_M, Plane, ground
+from drivers.simulator.van import SIDE, Van, build_van
+from drivers.simulator.world import Truth
+
+Array = NDArray[np.float64]
+
+CARRIER_FROM_M = 0.3
+"""A pad this high stands on a van's roof; a lower one lies on the ground."""
+HORIZON = 0.02
+"""Cosine from the vertical at which the ground ends in haze."""
+SKY = 0.45
+BLUR_STEP_PX = 0.8
+"""Motion in the exposure that takes another sub-exposure,"""
+SUB_EXPOSURES_MAX = 4
+COARSE = 4
+"""Patches and haze are worked out on every fourth pixel."""
+SAMPLES_MAX = 260_000
+"""Supersampling of a decal stays under this many samples."""
+PATCH_TURN_RAD = 0.58
+LAND_TURN_RAD = -0.37
+"""The ground's tiles lie in different directions."""
+
+
+@dataclass(slots=True)
+class _View:
+    """The camera in one sub-exposure.
+
+    Attributes:
+        position: (3,) north, east, down of the optical centre.
+        world_from_cam: (3, 3).
+        slopes: (height, width, 2) north and east per metre down of each pixel's direction.
+        truth: Where everything else is.
+    """
+
+    position: Array
+    world_from_cam: Array
+    slopes: Plane
+    truth: Truth
+
+
+class Renderer:
+    """Draws frames.
+
+    Args:
+        world: Ground, sun, noise, exposure; its seed makes textures and noise.
+        landmark: On the pad.
+        lens: The lens.
+        camera: How it is mounted on the vehicle.
+    """
+
+    def __init__(self, world: WorldConfig, landmark: Landmark, lens: LensConfig, camera: CameraConfig) -> None:
+        self._lens = Lens(lens)
+        self._rays = self._lens.rays()
+        self._sensor = Sensor(self._rays, world.noise_dn, world.seed)
+        self._ground = ground(world.ground, 1 + world.seed % 4)
+        self._exposure_s = world.exposure_ms / 1e3
+        self._mount_m = np.array(camera.position_body_m, dtype=np.float64)
+        self._body_from_cam = (
+            rotation_from_euler(
+                math.radians(camera.mount_roll_deg),
+                math.radians(camera.mount_pitch_deg),
+                math.radians(camera.mount_yaw_deg),
+            )
+            @ BODY_FROM_CAM_DOWN
+        )
+        reach = 1.0 / math.tan(math.radians(world.sun_elevation_deg))
+        azimuth = math.radians(world.sun_azimuth_deg)
+        self._sun = (reach * math.cos(azimuth), reach * math.sin(azimuth))
+        turn = azimuth - math.radians(world.motion.heading_deg)
+        sun_on_pad = (reach * math.cos(turn), reach * math.sin(turn))
+        self._pad = landmark_decal(landmark, *sun_on_pad)
+        motion = world.motion
+        self._van: Van | None = None
+        if motion.height_m >= CARRIER_FROM_M:
+            self._van = build_van(landmark, motion.height_m, motion.deck_m, sun_on_pad, world.seed)
+        self._lane = lane_mark() if world.ground == "asphalt" else None
+        self._lane_origin = (motion.north_m, motion.east_m, math.radians(motion.heading_deg))
+        self._drone = drone_shadow()
+        height, width = self._lens.height, self._lens.width
+        self._light: Plane = np.empty((height, width), dtype=np.float32)
+        self._slopes: Plane = np.empty((height, width, 2), dtype=np.float32)
+
+    # ---------------------------------------------------------------------------------------------------- one frame
+    def render(self, truth: Truth) -> Image:
+        """(height, width) uint8 grey, exposed about the instant of the truth."""
+        count = self._sub_exposures(truth)
+        if count == 1:
+            light = self._draw(self._view(truth, 0.0))
+        else:
+            light = np.zeros_like(self._light)
+            for k in range(count):
+                shift_s = ((k + 0.5) / count - 0.5) * self._exposure_s
+                cv2.accumulate(self._draw(self._view(truth, shift_s)), light)
+            light *= np.float32(1.0 / count)
+        return self._sensor.develop(light)
+
+    def _sub_exposures(self, truth: Truth) -> int:
+        """How many instants the exposure is made of, by how far the image moves in it."""
+        p, q, r = truth.rates
+        height = max(0.1, -truth.pos[2])
+        pad = truth.pad
+        over_ground = math.hypot(truth.vel[0], truth.vel[1]) / height
+        over_pad = math.hypot(truth.vel[0] - pad.vel_north_m_s, truth.vel[1] - pad.vel_east_m_s)
+        over_pad /= max(0.1, pad.down_m - truth.pos[2])
+        speed = math.hypot(p, q) + 0.5 * abs(r) + max(over_ground, over_pad)
+        moved_px = speed * self._lens.focal_px * self._exposure_s
+        return max(1, min(SUB_EXPOSURES_MAX, math.ceil(moved_px / BLUR_STEP_PX)))
+
+    def _view(self, truth: Truth, shift_s: float) -> _View:
+        """The camera a little before or after the instant of the truth."""
+        rotation = rotation_from_quaternion(np.array(truth.q))
+        position = np.array(truth.pos) + shift_s * np.array(truth.vel)
+        p, q, r = (shift_s * rate for rate in truth.rates)
+        turned: Array = rotation @ np.array([[1.0, -r, q], [r, 1.0, -p], [-q, p, 1.0]])
+        world_from_cam: Array = turned @ self._body_from_cam
+        directions = cv2.transform(self._rays, world_from_cam.astype(np.float32))
+        north, east, down = cv2.split(directions)
+        cv2.max(down, HORIZON, dst=down)
+        slopes = self._slopes
+        np.divide(north, down, out=slopes[..., 0])
+        np.divide(east, down, out=slopes[..., 1])
+        pad = truth.pad
+        moved = (pad.north_m + shift_s * pad.vel_north_m_s, pad.east_m + shift_s * pad.vel_east_m_s)
+        shifted = Truth(
+            truth.t_s + shift_s,
+            (float(position[0]), float(position[1]), float(position[2])),
+            truth.vel,
+            truth.q,
+            truth.rates,
+            type(pad)(*moved, pad.down_m, pad.vel_north_m_s, pad.vel_east_m_s, pad.heading_rad, pad.deck_half_m),
+        )
+        return _View(position + turned @ self._mount_m, world_from_cam, slopes, shifted)
+
+    def _draw(self, view: _View) -> Plane:
+        """Light of one instant, (height, width)."""
+        light = self._draw_ground(view)
+        pad = view.truth.pad
+        if self._lane is not None:
+            self._draw_lane(light, view, self._lane)
+        if self._van is not None:
+            shadow = self._van.shadow
+            self._lay(light, view, shadow.picture, (pad.north_m, pad.east_m, pad.heading_rad), shadow.height_m)
+            self._draw_drone_shadow(light, view, 0.0)
+            self._draw_sides(light, view, self._van)
+            for panel in self._van.panels:
+                place = (pad.north_m, pad.east_m, pad.heading_rad)
+                self._lay(light, view, panel.picture, place, panel.height_m)
+        self._lay(light, view, self._pad, (pad.north_m, pad.east_m, pad.heading_rad), -pad.down_m)
+        self._draw_drone_shadow(light, view, -pad.down_m)
+        return light
+
+    # -------------------------------------------------------------------------------------------------- the ground
+    def _draw_ground(self, view: _View) -> Plane:
+        """The ground to the horizon, and the sky above it."""
+        textures = self._ground
+        height = max(0.02, -float(view.position[2]))
+        texel = height / self._lens.focal_px
+        level = 2.0 * math.log2(max(texel, 1e-6) / (TILE_M / textures.fine[0].shape[0]))
+        fine = textures.fine[max(0, min(len(textures.fine) - 1, round(level)))]
+        uv = self._uv(view.slopes, view.position, height, TILE_M, fine.shape[0], 0.0)
+        light = np.asarray(cv2.remap(fine, uv, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
+        coarse = np.ascontiguousarray(view.slopes[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE])
+        broad = np.full(coarse.shape[:2], textures.reflectance, dtype=np.float32)
+        for tile, size_m, turn in ((textures.patches, PATCH_M, PATCH_TURN_RAD), (textures.land, LAND_M, LAND_TURN_RAD)):
+            at = self._uv(coarse, view.position, height, size_m, tile.shape[0], turn)
+            broad *= cv2.remap(tile, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        # Where a pixel covers several texels the detail has to fade into its mean: the far ground under a slant.
+        stretch = 1.0 + coarse[..., 0] ** 2 + coarse[..., 1] ** 2
+        detail = np.clip(2.6 / stretch, 0.0, 1.0).astype(np.float32)
+        haze = np.clip((stretch - 600.0) / 1400.0, 0.0, 1.0).astype(np.float32)
+        gain = broad * detail * (1.0 - haze)
+        lift = broad * (1.0 - detail) * (1.0 - haze) + SKY * haze
+        size = (self._lens.width, self._lens.height)
+        cv2.multiply(light, cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), dst=light)
+        if float(lift.max()) > 0.0:
+            cv2.add(light, cv2.resize(lift, size, interpolation=cv2.INTER_LINEAR), dst=light)
+        return light
+
+    @staticmethod
+    def _uv(slopes: Plane, position: Array, height: float, size_m: float, size_px: int, turn: float) -> Plane:
+        """Texture coordinates of a square tile under directions; whole tiles are taken off for the precision."""
+        c, s = math.cos(turn), math.sin(turn)
+        north, east = float(position[0]), float(position[1])
+        scale = size_px / size_m
+        u0 = ((c * north + s * east) * scale) % size_px - 0.5
+        v0 = ((-s * north + c * east) * scale) % size_px - 0.5
+        k = height * scale
+        matrix = np.array([[c * k, s * k, u0], [-s * k, c * k, v0]], dtype=np.float32)
+        return np.asarray(cv2.transform(slopes, matrix), dtype=np.float32)
+
+    # --------------------------------------------------------------------------------------------------- the decals
+    def _lay(
+        self, light: Plane, view: _View, picture: Decal, place: tuple[float, float, float], height_m: float
+    ) -> None:
+        """Lay a decal over the light; place: north, east and heading of its frame."""
+        north, east, heading = place
+        above = -height_m - float(view.position[2])
+        if above < 0.02:
+            return
+        c, s = math.cos(heading), math.sin(heading)
+        corners = picture.corners_m
+        rim = np.column_stack(
+            [north + c * corners[:, 0] - s * corners[:, 1], east + s * corners[:, 0] + c * corners[:, 1]]
+        )
+        box = self._box(view, rim, -height_m)
+        if box is None:
+            return
+        u0, v0, u1, v1 = box
+        area = (u1 - u0) * (v1 - v0)
+        factor = max(1, min(4, math.isqrt(max(1, SAMPLES_MAX // max(1, area)))))
+        # Decal coordinates of a pixel are affine in its slopes: scale by the height, move, turn, to texels.
+        wanted = above / self._lens.focal_px / factor
+        level = max(0, min(len(picture.levels) - 1, math.floor(math.log2(max(wanted / picture.texel_m, 1e-6)) + 0.35)))
+        texel = picture.texel_m * 2**level
+        dn, de = float(view.position[0]) - north, float(view.position[1]) - east
+        forward0, right0 = c * dn + s * de, -s * dn + c * de
+        k = above / texel
+        matrix = np.array(
+            [
+                [-s * k, c * k, (right0 - picture.left_m) / texel - 0.5],
+                [-c * k, -s * k, (picture.front_m - forward0) / texel - 0.5],
+            ],
+            dtype=np.float32,
+        )
+        slopes = view.slopes[v0:v1, u0:u1]
+        if factor > 1:
+            slopes = cv2.resize(slopes, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+        uv = cv2.transform(np.ascontiguousarray(slopes), matrix)
+        drawn = cv2.remap(picture.levels[level], uv, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        if factor > 1:
+            drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
+        value, alpha = cv2.split(drawn)
+        under = light[v0:v1, u0:u1]
+        under *= np.float32(1.0) - alpha
+        under += value
+
+    def _box(self, view: _View, rim: Array, down: float) -> tuple[int, int, int, int] | None:
+        """(u0, v0, u1, v1), half open, of the image that a convex outline (n, 2) at a depth may cover; None: nothing."""
+        steps = np.linspace(0.0, 1.0, 9)[:-1, None]
+        edges = np.vstack([a + steps * (b - a) for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)])
+        points = np.column_stack([edges, np.full(len(edges), down)]) - view.position
+        pixels = self._lens.project(points @ view.world_from_cam)
+        width, height = self._lens.width, self._lens.height
+        seen = ~np.isnan(pixels[:, 0])
+        if not seen.any():
+            return None
+        if not seen.all() or self._under(view, rim):
+            low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
+            if seen.all():
+                low, high = np.minimum(pixels.min(axis=0), high), np.maximum(pixels.max(axis=0), low)
+        else:
+            low, high = pixels.min(axis=0), pixels.max(axis=0)
+        # An edge bends between its points by a distorted lens: two pixels more, and a share of the size.
+        margin = 2.0 + 0.02 * float((high - low).max())
+        u0, v0 = (max(0, math.floor(x)) for x in low - margin)
+        u1, v1 = min(width, math.ceil(high[0] + margin) + 1), min(height, math.ceil(high[1] + margin) + 1)
+        return None if u1 <= u0 or v1 <= v0 else (u0, v0, u1, v1)
+
+    @staticmethod
+    def _under(view: _View, rim: Array) -> bool:
+        """Whether the camera is over the outline's bounding box."""
+        here = view.position[:2]
+        return bool((rim.min(axis=0) <= here).all() and (here <= rim.max(axis=0)).all())
+
+    def _draw_sides(self, light: Plane, view: _View, van: Van) -> None:
+        """Fill the van's sides: the hull of its outline on the road and under the roof, as the camera sees them."""
+        pad = view.truth.pad
+        top = van.body_height_m * 0.98
+        if -float(view.position[2]) < top + 0.1:
+            return
+        c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
+        outline = np.column_stack(
+            [
+                pad.north_m + c * van.body[:, 0] - s * van.body[:, 1],
+                pad.east_m + s * van.body[:, 0] + c * van.body[:, 1],
+            ]
+        )
+        # In the plane of slopes straight lines stay straight, so the hull is taken there.
+        flat = [
+            (outline - view.position[:2]) / (-height - float(view.position[2])) for height in (0.12, 0.55 * top, top)
+        ]
+        flat[2] = flat[2][np.array([2, 3, 4, 5])]
+        hull = cv2.convexHull(np.vstack(flat).astype(np.float32))[:, 0, :].astype(np.float64)
+        steps = np.linspace(0.0, 1.0, 9)[:-1, None]
+        edges = np.vstack([a + steps * (b - a) for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True)])
+        pixels = self._lens.project(np.column_stack([edges, np.ones(len(edges))]) @ view.world_from_cam)
+        if np.isnan(pixels).any():
+            return
+        mask = np.zeros(light.shape, dtype=np.uint8)
+        cv2.fillPoly(mask, [np.round(pixels * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+        u0, v0 = (max(0, math.floor(x) - 2) for x in pixels.min(axis=0))
+        u1, v1 = (math.ceil(x) + 3 for x in pixels.max(axis=0))
+        if u1 <= u0 or v1 <= v0:
+            return
+        alpha = mask[v0:v1, u0:u1].astype(np.float32) / np.float32(255.0)
+        under = light[v0:v1, u0:u1]
+        under += alpha * (np.float32(SIDE) - under)
+
+    def _draw_drone_shadow(self, light: Plane, view: _View, height_m: float) -> None:
+        """The vehicle's own shadow on a plane: where the sun, the vehicle and the plane line up."""
+        north, east, down = view.truth.pos
+        above = -height_m - down
+        if above < 0.05:
+            return
+        w, x, y, z = view.truth.q
+        yaw = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+        at = (north - self._sun[0] * above, east - self._sun[1] * above)
+        if height_m > 0.0:
+            forward, right = view.truth.pad.offset_m(*at)
+            if max(abs(forward) / 2.0, abs(right)) > 1.0:
+                return  # it falls past the roof
+        sharp, soft = self._drone
+        self._lay(light, view, sharp if above < 1.5 else soft, (at[0], at[1], yaw), height_m)
+
+    def _draw_lane(self, light: Plane, view: _View, mark: Decal) -> None:
+        """Dashes of the lane's line near the camera, to the left of the way that the pad drives."""
+        north, east, heading = self._lane_origin
+        c, s = math.cos(heading), math.sin(heading)
+        along = c * (float(view.position[0]) - north) + s * (float(view.position[1]) - east)
+        reach = 3.0 * max(1.0, -float(view.position[2]))
+        for k in range(math.ceil((along - reach) / 9.0), math.floor((along + reach) / 9.0) + 1):
+            x, y = 9.0 * k, -2.2
+            self._lay(light, view, mark, (north + c * x - s * y, east + s * x + c * y, heading), 0.0)
