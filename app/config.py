@@ -146,7 +146,10 @@ class EstimationConfig(Section):
 class GuidanceConfig(Section):
     """[guidance]: the velocity controller."""
 
-    position_gain_1_s: float = Field(default=1.0, gt=0, le=5)
+    position_gain_1_s: float = Field(default=1.5, gt=0, le=5)
+    trim_gain_1_s2: float = Field(default=0.4, ge=0, le=3, description="integral action against PX4's velocity error")
+    trim_max_m_s: float = Field(default=0.4, ge=0, le=2)
+    coast_s: float = Field(default=4.0, ge=0, le=30, description="with the pad's last velocity, after it was lost")
     speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
     closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")
     acceleration_max_m_s2: float = Field(default=3.0, gt=0, le=10)
@@ -309,6 +312,20 @@ def _keys_of(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str
     return sorted(getattr(model, "model_fields", {}))
 
 
+UNITS = frozenset(
+    "m cm mm km ft in s ms us min h s2 rad deg hz khz px mps kmh kph mph knots kn percent fraction body".split()
+)
+"""Words that end a key and say its unit, right ones and likely wrong ones."""
+
+
+def _without_unit(key: str) -> str:
+    """A key's name without the unit at its end: speed_max_km_h and speed_max_m_s are both speed_max."""
+    words = key.split("_")
+    while len(words) > 1 and words[-1] in UNITS:
+        words.pop()
+    return "_".join(words)
+
+
 def _explain(kind: type[BaseModel], item: Any) -> str:
     """One fault of a file in words."""
     location = item["loc"]
@@ -316,14 +333,15 @@ def _explain(kind: type[BaseModel], item: Any) -> str:
     if item["type"] == "extra_forbidden":
         keys = _keys_of(kind, location[:-1])
         wrong = str(location[-1])
-        stem = wrong.rsplit("_", 1)[0]
-        same_stem = [k for k in keys if k.startswith(stem + "_") or k.rsplit("_", 1)[0] == stem]
+        same_stem = [k for k in keys if _without_unit(k) == _without_unit(wrong)]
         near = same_stem[:1] or difflib.get_close_matches(wrong, keys, n=1)
         unit = " (units are part of the name)" if same_stem else ""
         hint = f"; did you mean {near[0]}{unit}?" if near else (f"; known here: {', '.join(keys)}" if keys else "")
         return f"unknown key {key} = {item['input']!r}{hint}"
     if item["type"] == "missing":
         return f"key {key} is missing"
+    if item["type"] == "value_error":
+        return f"{key + ': ' if key else ''}{item['ctx']['error']}"
     return f"{key} = {item['input']!r}: {item['msg']}"
 
 

@@ -1,0 +1,195 @@
+"""Configuration files: those that ship can be read, and each wrong one is refused in words that help to mend it."""
+
+from pathlib import Path
+
+import pytest
+
+from app.config import LensConfig, PadConfig, RigConfig, read_config, resolve
+from app.errors import ConfigError, LandmarkError
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+RIG = """
+pad = "pads/paper-38cm.toml"
+[camera]
+driver = "opencv"
+lens = "cameras/pi-fisheye-640.toml"
+source = "0"
+"""
+PAD = """
+name = "mine"
+size_cm = 38.0
+[[contour]]
+shape = "square"
+area_ratio = 1.0
+[[contour]]
+shape = "square"
+area_ratio = 0.5
+"""
+LENS = """
+model = "equidistant"
+width_px = 640
+height_px = 480
+fx_px = 215.0
+fy_px = 215.0
+cx_px = 319.5
+cy_px = 239.5
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(text: str) -> Path:
+        path = tmp_path / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write_file
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.name)
+def test_rig_file_that_ships_is_read_and_names_files_that_are(path):
+    rig = read_config(path, RigConfig)
+    read_config(resolve(path, rig.camera.lens), LensConfig)
+    read_config(resolve(path, rig.pad), PadConfig).landmark()
+
+
+@pytest.mark.parametrize("path", sorted((CONFIGS / "cameras").glob("*.toml")), ids=lambda path: path.name)
+def test_camera_file_that_ships_is_read(path):
+    lens = read_config(path, LensConfig)
+    assert (lens.width_px, lens.height_px) == (640, 480)
+
+
+@pytest.mark.parametrize(
+    ("name", "size_m", "zone_m", "code"),
+    [
+        ("paper-38cm", 0.38, 0.46, "44334"),
+        ("paper-100cm", 1.0, 1.21, "44334"),
+        ("a4-17cm", 0.17, 0.19, "44334"),
+        ("nested-7-100cm", 1.0, 1.21, "4433434"),
+    ],
+)
+def test_pad_file_that_ships_is_drawn_as_its_name_says(name, size_m, zone_m, code):
+    landmark = read_config(CONFIGS / "pads" / f"{name}.toml", PadConfig).landmark()
+    assert (landmark.name, landmark.code) == (name, code)
+    assert (landmark.size_m, landmark.quiet_zone_m) == pytest.approx((size_m, zone_m))
+
+
+def test_every_pad_that_ships_is_one_of_those_tested():
+    assert {path.stem for path in (CONFIGS / "pads").glob("*.toml")} == {
+        "paper-38cm",
+        "paper-100cm",
+        "a4-17cm",
+        "nested-7-100cm",
+    }
+
+
+def test_pad_at_another_size_scales_quiet_zone_and_offsets(write):
+    pad = read_config(write(PAD.replace("38.0", "40.0\nquiet_zone_cm = 50.0") + "offset_forward_cm = 2.0\n"), PadConfig)
+    landmark = pad.landmark(size_cm=20.0)
+    assert (landmark.size_m, landmark.quiet_zone_m) == pytest.approx((0.2, 0.25))
+    assert landmark.contours[1].centroid_m == pytest.approx([0.01, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "[guidance]\ndescent_speed_m_s = 0.8",
+            ["guidance.descent_speed_m_s", "0.8", "did you mean descend_speed_m_s"],
+        ),
+        ("[guidance]\ndescend_speed_cm_s = 80", ["descend_speed_cm_s", "did you mean descend_speed_m_s", "units"]),
+        ("[guidance]\nspeed_max_km_h = 20", ["speed_max_km_h", "did you mean speed_max_m_s", "units"]),
+        ("[mission]\nhover_height_ft = 8", ["hover_height_ft", "did you mean hover_height_m", "units"]),
+        ("[guidence]\nalign_yaw = true", ["guidence", "did you mean guidance"]),
+        ("[safety]\nzzz = 1", ["safety.zzz", "known here", "track_stale_s"]),
+        ("[guidance]\ntouchdown_speed_m_s = 9.0", ["guidance.touchdown_speed_m_s = 9.0", "less than or equal to 1"]),
+        ("[guidance]\ntouchdown_speed_m_s = 'fast'", ["guidance.touchdown_speed_m_s = 'fast'", "number"]),
+        ("[mission]\nsearch_height_m = nan", ["mission.search_height_m = nan", "finite"]),
+        ("[mission]\nlanding_tries = 2.5", ["mission.landing_tries = 2.5", "integer"]),
+        ("[autopilot]\naddress = '127.0.0.1:14540'", ["autopilot.address = '127.0.0.1:14540'", "udpin"]),
+        ("[vision]\nmethod = 'guess'", ["vision.method = 'guess'", "'pnp' or 'paper'"]),
+    ],
+)
+def test_rig_file_with_one_fault_is_refused_in_words_that_help(write, text, words):
+    path = write(RIG + text)
+    with pytest.raises(ConfigError) as refused:
+        read_config(path, RigConfig)
+    message = str(refused.value)
+    assert [word for word in (str(path), *words) if word not in message] == []
+    assert "\n" not in message
+
+
+def test_rig_file_with_several_faults_names_them_all_at_once(write):
+    text = RIG.replace('driver = "opencv"', "") + "[safety]\ntilt_max_deg = 200\n[mission]\nlanding_trys = 1\n"
+    with pytest.raises(ConfigError) as refused:
+        read_config(write(text), RigConfig)
+    wanted = ("camera.driver is missing", "safety.tilt_max_deg = 200", "did you mean landing_tries")
+    assert [word for word in wanted if word not in str(refused.value)] == []
+
+
+def test_rig_file_with_many_faults_counts_those_it_leaves_out(write):
+    with pytest.raises(ConfigError, match=r"and 2 more"):
+        read_config(write(RIG + "[safety]\n" + "\n".join(f"wrong_{k} = {k}" for k in range(6))), RigConfig)
+
+
+def test_config_that_is_missing_names_the_path_and_the_nearest_file():
+    with pytest.raises(ConfigError, match=r"simulatr\.toml: no such file; did you mean .*simulator\.toml"):
+        read_config(CONFIGS / "simulatr.toml", RigConfig)
+
+
+def test_config_that_is_missing_with_nothing_like_it_says_what_to_give(tmp_path):
+    with pytest.raises(ConfigError, match=r"x\.toml: no such file; give the path of a \.toml file"):
+        read_config(tmp_path / "x.toml", RigConfig)
+
+
+def test_config_that_is_no_toml_names_the_line(write):
+    with pytest.raises(ConfigError, match=r"mine\.toml: not valid TOML: .*line 2"):
+        read_config(write("pad = 1\n[camera\n"), RigConfig)
+
+
+def test_config_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"x\.toml: can't be read"):
+        read_config(tmp_path / "x.toml", RigConfig)
+
+
+def test_config_that_is_a_folder_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="can't be read"):
+        read_config(tmp_path, RigConfig)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PAD.replace("size_cm = 38.0", "size_mm = 380"), ["size_mm = 380", "did you mean size_cm", "units"]),
+        (PAD.replace("area_ratio = 0.5", "area_ratio = 32"), ["contour.1.area_ratio = 32", "less than or equal to 1"]),
+        (PAD.replace('shape = "square"', 'shape = "circle"', 1), ["contour.0.shape = 'circle'", "square", "triangle"]),
+        (PAD + "ofset_forward_cm = 1", ["contour.1.ofset_forward_cm", "did you mean offset_forward_cm"]),
+        (PAD.split("[[contour]]")[0], ["contour is missing"]),
+    ],
+)
+def test_pad_file_with_a_fault_is_refused_in_words_that_help(write, text, words):
+    with pytest.raises(ConfigError) as refused:
+        read_config(write(text), PadConfig)
+    assert [word for word in words if word not in str(refused.value)] == []
+
+
+def test_pad_file_that_cannot_be_drawn_is_a_landmark_error(write):
+    with pytest.raises(LandmarkError, match=r"'mine': S2 in S1 leaves a gap of 0\.95 mm"):
+        # Sides 38 and 37.8095 cm: (1 - sqrt(0.99)) * 19 cm = 0.0952 cm.
+        read_config(write(PAD.replace("area_ratio = 0.5", "area_ratio = 0.99")), PadConfig).landmark()
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "allowed"),
+    [("pinhole", "[0.1, 0.2]", "0 or 4 or 5"), ("equidistant", "[0.1, 0.2, 0.0, 0.0, 0.0]", "0 or 4")],
+)
+def test_camera_file_with_the_wrong_number_of_coefficients_says_how_many(write, model, coefficients, allowed):
+    text = LENS.replace("equidistant", model) + f"distortion = {coefficients}\n"
+    with pytest.raises(ConfigError, match=f"a {model} lens takes {allowed} distortion coefficients"):
+        read_config(write(text), LensConfig)
+
+
+def test_resolve_takes_a_relative_path_from_the_file_that_names_it(tmp_path):
+    assert resolve(tmp_path / "rig.toml", "pads/x.toml") == tmp_path / "pads" / "x.toml"
+    assert resolve(tmp_path / "rig.toml", "/else/x.toml") == Path("/else/x.toml")
