@@ -8,6 +8,7 @@ import numpy as np
 
 from app.config import MissionConfig
 from app.messages import (
+    AutopilotAction,
     CommandAnswer,
     CommandResult,
     GoalKind,
@@ -21,15 +22,28 @@ from app.messages import (
 from app.mission.states import ACTIVE, HANDED_OVER, MissionInputs, MissionState, Reason, Transition
 from app.mission.transitions import enter_search, go, guidance_of, numbered
 
+HEIGHT_MIN_M, HEIGHT_MAX_M = 0.5, 50.0
+"""Heights that the phone may ask for: those that the configuration may hold (mission.track_height_m)."""
+ENDING = frozenset({OperatorAction.HOLD, OperatorAction.ABORT})
+
 
 def take_command(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
     """Act on a new command, or None if there is none."""
     command = inputs.command
     if command is None:
         return None
-    if command.action in (OperatorAction.HOLD, OperatorAction.ABORT):
+    if command.action in ENDING:
         return _end(state, inputs, command, now_s, config)
     return _begin(state, inputs, command, now_s, config)
+
+
+def refuse_beginning(ended: Transition, inputs: MissionInputs) -> Transition | None:
+    """The answer to a SEARCH, TRACK or LAND that came in the very step that ended the mission; None for another."""
+    command = inputs.command
+    if command is None or command.action in ENDING:
+        return None
+    words = "" if ended.reason is None else ended.reason.value
+    return _refuse(ended.state, command, CommandResult.TEMPORARILY_REJECTED, words)
 
 
 def _refuse(state: MissionState, command: OperatorCommand, result: CommandResult, words: str) -> Transition:
@@ -53,13 +67,17 @@ def _end(
     held = command.action is OperatorAction.HOLD
     after = "hold" if held else config.abort_action
     vehicle = inputs.vehicle
+    action = None
     if vehicle is not None and not vehicle.armed:
         phase = Phase.IDLE
+        if state.asked is AutopilotAction.ARM:  # it may be on its way: motors must not start behind an abort
+            action = AutopilotAction.DISARM
     else:
         phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[after]
     reason = Reason.HELD_BY_OPERATOR if held else Reason.ABORTED_BY_OPERATOR
     ended = go(state, phase, reason, now_s, severity=Severity.NOTICE, result=CommandResult.CANCELLED)
-    return replace(ended, answers=(*ended.answers, CommandAnswer(command.number, CommandResult.ACCEPTED)))
+    accepted = CommandAnswer(command.number, CommandResult.ACCEPTED)
+    return replace(ended, action=action, answers=(*ended.answers, accepted))
 
 
 def _begin(
@@ -70,8 +88,16 @@ def _begin(
     if vehicle is None or (inputs.verdict is not None and state.phase not in ACTIVE):
         words = "no autopilot" if inputs.verdict is None else inputs.verdict.detail
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, words)
+    if command.height_m and not HEIGHT_MIN_M <= command.height_m <= HEIGHT_MAX_M:
+        words = f"{command.height_m:.3g} m not in {HEIGHT_MIN_M:g}..{HEIGHT_MAX_M:g}"
+        return _refuse(state, command, CommandResult.DENIED, words)
     if state.phase in ACTIVE:
         return _change_aim(state, inputs, command, now_s, config)
+    if state.phase in HANDED_OVER and not state.handed_over:
+        # Its change of mode is on the way: asking for offboard now would race with it.
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, f"on the way to {state.phase.value}")
+    if vehicle.armed and vehicle.landed is LandedState.UNKNOWN:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "in the air or not: unknown")
     in_air = vehicle.armed and vehicle.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF, LandedState.LANDING)
     fresh = replace(state, command=command, tries=0, takeoff_accepted=False, offboard_seen=False)
     if in_air:

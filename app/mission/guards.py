@@ -13,22 +13,37 @@ from app.messages import (
     Response,
     Severity,
 )
-from app.mission.states import ACTIVE, HANDED_OVER, IN_OFFBOARD, MissionInputs, MissionState, Reason, Transition
+from app.mission.states import (
+    ACTIVE,
+    HANDED_OVER,
+    IN_OFFBOARD,
+    OWN_MODE,
+    MissionInputs,
+    MissionState,
+    Reason,
+    Transition,
+)
 from app.mission.transitions import fail, go, guidance_of
 
+ANSWER_MAX_S = 40.0
+"""Beyond the longest time limit of an action: an answer that has not come by then never will."""
 
-def take_results(state: MissionState, inputs: MissionInputs) -> MissionState:
+
+def take_results(state: MissionState, inputs: MissionInputs, now_s: float) -> MissionState:
     """The state with what the autopilot answered to the action that is pending; other answers are stale."""
     for result in inputs.results:
         if result.action is not state.pending:
             continue
-        accepted = result.ok and result.action is AutopilotAction.TAKEOFF
+        taken_off = result.ok and result.action is AutopilotAction.TAKEOFF
         state = replace(
             state,
             pending=None,
-            refusals=0 if result.ok else state.refusals + 1,
-            takeoff_accepted=state.takeoff_accepted or accepted,
+            accepted=result.action if result.ok else None,
+            refusals=state.refusals if result.ok else state.refusals + 1,
+            takeoff_accepted=state.takeoff_accepted or taken_off,
         )
+    if state.pending is not None and now_s - state.asked_s > ANSWER_MAX_S:
+        state = replace(state, pending=None, refusals=state.refusals + 1)
     return state
 
 
@@ -46,18 +61,10 @@ def end_of_flight(state: MissionState, inputs: MissionInputs, now_s: float) -> T
 def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transition | None:
     """Hands off, the moment PX4 is in a mode that Alight did not ask for."""
     vehicle = inputs.vehicle
-    if vehicle is None or not vehicle.armed:
+    if vehicle is None or not vehicle.armed or state.phase not in ACTIVE | HANDED_OVER:
         return None
     mode = vehicle.mode
-    ours = {FlightMode.OFFBOARD, FlightMode.UNKNOWN}
-    if state.phase in IN_OFFBOARD and not state.offboard_seen:
-        ours |= {state.entry_mode, FlightMode.HOLD, FlightMode.TAKEOFF}
-    elif state.phase is Phase.TAKEOFF:
-        # Until PX4 has taken off, the mode is whatever it was on the ground.
-        ours |= {FlightMode.TAKEOFF, FlightMode.HOLD, state.entry_mode}
-    elif state.phase not in IN_OFFBOARD:
-        return None
-    if mode in ours:
+    if mode is FlightMode.UNKNOWN or mode in _ours(state):
         return None
     return go(
         state,
@@ -68,6 +75,22 @@ def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transitio
         severity=Severity.WARNING,
         result=CommandResult.CANCELLED,
     )
+
+
+def _ours(state: MissionState) -> set[FlightMode]:
+    """The modes that are no sign of the pilot: the one asked for, and until that shows, the one before it."""
+    if state.phase is Phase.TAKEOFF:
+        # PX4's take-off ends in hold. The mode on the ground counts until PX4 is seen to take off, and no longer.
+        return {FlightMode.TAKEOFF, FlightMode.HOLD, state.entry_mode}
+    if state.phase in HANDED_OVER:
+        _, own = OWN_MODE[state.phase]
+        if state.handed_over:
+            return {own}
+        return {own, state.entry_mode, FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD}
+    if state.offboard_seen:
+        return {FlightMode.OFFBOARD}
+    after_takeoff = {FlightMode.HOLD} if state.entry_mode is FlightMode.TAKEOFF else set()
+    return {FlightMode.OFFBOARD, state.entry_mode} | after_takeoff
 
 
 def safety(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:

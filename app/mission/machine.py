@@ -1,8 +1,8 @@
 """The mission state machine: `step` takes what is remembered and what is seen, and decides. Pure.
 
-Guards come first, in this order: what the results of actions say, the end of the flight, the pilot, the phone's hold
-and abort, safety. Then a `match` over the phase. The pilot always wins: the moment PX4's mode is no longer the one
-that Alight asked for, Alight stops commanding and says so.
+Guards come first, in this order: what the results of actions say, the end of the flight, the pilot, the phone,
+safety. Then a `match` over the phase. The pilot always wins: the moment PX4's mode is no longer the one that Alight
+asked for, Alight stops commanding and says so.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.config import MissionConfig
-from app.mission.commands import take_command
+from app.mission.commands import refuse_beginning, take_command
 from app.mission.guards import end_of_flight, pilot, safety, take_results
 from app.mission.phases import run_phase
 from app.mission.states import MissionInputs, MissionState, Transition
@@ -25,23 +25,18 @@ def step(state: MissionState, inputs: MissionInputs, now_s: float, config: Missi
         now_s: The time.
         config: [mission].
     """
-    state = take_results(state, inputs)
+    state = take_results(state, inputs, now_s)
     ended = end_of_flight(state, inputs, now_s) or pilot(state, inputs, now_s)
     if ended is not None:
-        # A command that came in the same instant is answered by the state that the mission is in now.
-        told = take_command(ended.state, inputs, now_s, config)
-        return ended if told is None else _both(ended, told)
-    return (
-        take_command(state, inputs, now_s, config)
-        or safety(state, inputs, now_s, config)
-        or run_phase(state, inputs, now_s, config)
-    )
-
-
-def _both(first: Transition, second: Transition) -> Transition:
-    return replace(
-        second,
-        reason=second.reason or first.reason,
-        answers=first.answers + second.answers,
-        texts=first.texts + second.texts,
-    )
+        # Whoever sent a command in this instant didn't know: nothing begins on the heels of a pilot or a touchdown.
+        told = refuse_beginning(ended, inputs) or take_command(ended.state, inputs, now_s, config)
+        if told is None:
+            return ended
+        return replace(ended, answers=ended.answers + told.answers, texts=ended.texts + told.texts)
+    told = take_command(state, inputs, now_s, config)
+    hazard = safety(state if told is None else told.state, inputs, now_s, config)
+    if told is None:
+        return hazard or run_phase(state, inputs, now_s, config)
+    if hazard is None:
+        return told
+    return replace(hazard, answers=told.answers + hazard.answers, texts=hazard.texts + told.texts)

@@ -20,14 +20,10 @@ from app.messages import (
     Severity,
     VehicleState,
 )
+from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
 from app.mission.states import MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import RETRY_S, ask, enter_search, fail, go, guidance_of, numbered
+from app.mission.transitions import ask, enter_search, fail, go, guidance_of, numbered
 
-STREAM_BEFORE_OFFBOARD_S = 0.5
-"""PX4 wants setpoints at 2 Hz or more before it enters offboard."""
-OFFBOARD_CONFIRM_S = 2.5
-"""An accepted change of mode shows in HEARTBEAT within 1 s (measured); more than twice that is a refusal."""
-REFUSALS_MAX = 3
 SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
 SETTLED_HEIGHT_M = 0.6
@@ -36,6 +32,10 @@ LOST_AFTER_S = 1.0
 """Beyond the time at which guidance already brakes: a pad unseen for so long is searched for anew."""
 MISSED_BELOW_PAD_M = -0.35
 """So far below where the pad is believed to be, the vehicle has sunk past it."""
+COMMITTED_MAX_S = 20.0
+"""From the commit to the disarm: 1 s of sinking, and at most 7 s for PX4's land detector (measured at 0.5 m/s)."""
+ANCHOR_AHEAD_MAX_S = 2.0
+"""A pad that was last seen longer ago is not expected where its last velocity would have taken it."""
 
 
 def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
@@ -56,12 +56,8 @@ def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: 
             return _track(state, inputs, now_s, config)
         case Phase.LAND:
             return _land(state, inputs, vehicle, now_s, config)
-        case Phase.HOLD:
-            return _handed_over(state, vehicle, AutopilotAction.HOLD, FlightMode.HOLD, now_s)
-        case Phase.RETURN:
-            return _handed_over(state, vehicle, AutopilotAction.RETURN, FlightMode.RETURN, now_s)
-        case Phase.FALLBACK_LAND:
-            return _handed_over(state, vehicle, AutopilotAction.LAND, FlightMode.LAND, now_s)
+        case Phase.HOLD | Phase.RETURN | Phase.FALLBACK_LAND:
+            return hand_over(state, vehicle, now_s)
 
 
 def _takeoff(state: MissionState, vehicle: VehicleState, now_s: float, config: MissionConfig) -> Transition:
@@ -76,6 +72,8 @@ def _takeoff(state: MissionState, vehicle: VehicleState, now_s: float, config: M
         return ask(state, AutopilotAction.ARM, now_s)
     if not state.takeoff_accepted:
         return ask(state, AutopilotAction.TAKEOFF, now_s, config.search_height_m)
+    if vehicle.mode in (FlightMode.TAKEOFF, FlightMode.HOLD):
+        state = replace(state, entry_mode=vehicle.mode)  # from now on the mode on the ground would be the pilot's
     ground_down = 0.0 if state.home_ned_m is None else float(state.home_ned_m[2])
     height_m = ground_down - float(vehicle.pos_ned_m[2])
     if height_m >= 0.9 * config.search_height_m and vehicle.landed is LandedState.IN_AIR:
@@ -87,7 +85,7 @@ def _search(
     state: MissionState, inputs: MissionInputs, vehicle: VehicleState, now_s: float, config: MissionConfig
 ) -> Transition:
     if not state.offboard_seen:
-        return _enter_offboard(state, vehicle, now_s, config)
+        return enter_offboard(state, vehicle, now_s, config)
     if inputs.track_usable:
         return go(
             state,
@@ -110,20 +108,6 @@ def _search(
         return Transition(replace(state, goal=goal))
     if guidance is not None and guidance.search_finished:
         return fail(state, Reason.PAD_NOT_FOUND, now_s, config)
-    return Transition(state)
-
-
-def _enter_offboard(state: MissionState, vehicle: VehicleState, now_s: float, config: MissionConfig) -> Transition:
-    if vehicle.mode is FlightMode.OFFBOARD and state.pending is None:
-        return Transition(replace(state, offboard_seen=True, refusals=0))
-    if state.refusals >= REFUSALS_MAX:
-        return fail(state, Reason.REFUSED_BY_AUTOPILOT, now_s, config, "PX4 refused offboard")
-    waited_s = now_s - max(state.since_s + STREAM_BEFORE_OFFBOARD_S, state.asked_s)
-    if state.asked_s < state.since_s:
-        return ask(state, AutopilotAction.OFFBOARD, now_s) if waited_s >= 0 else Transition(state)
-    if state.pending is None and waited_s > (OFFBOARD_CONFIRM_S if state.refusals == 0 else RETRY_S):
-        silent = replace(state, refusals=state.refusals + (1 if state.refusals == 0 else 0))
-        return ask(silent, AutopilotAction.OFFBOARD, now_s)
     return Transition(state)
 
 
@@ -171,37 +155,35 @@ def _land(
     state: MissionState, inputs: MissionInputs, vehicle: VehicleState, now_s: float, config: MissionConfig
 ) -> Transition:
     guidance = guidance_of(state, inputs)
-    if guidance is None:
-        return Transition(state)
-    if not guidance.committed:
+    if guidance is None or not guidance.committed:
         lost = _lost(state, inputs, now_s, config)
         if lost is not None:
             return lost
         if now_s - state.since_s > config.land_timeout_s:
             return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         return Transition(state)
+    since_s = now_s if state.committed_since_s is None else state.committed_since_s
+    state = replace(state, committed_since_s=since_s)
     height_m = guidance.height_above_pad_m
     if height_m is not None and height_m < MISSED_BELOW_PAD_M:
         return _go_round(state, inputs, Reason.PAD_MISSED, now_s, config)
+    if now_s - since_s > COMMITTED_MAX_S:
+        if not guidance.contact:
+            return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
+        # It stands on something and nobody disarms: PX4's own landing is the one that can end this.
+        return go(
+            state,
+            Phase.FALLBACK_LAND,
+            Reason.TIMED_OUT,
+            now_s,
+            severity=Severity.WARNING,
+            result=CommandResult.FAILED,
+        )
     if inputs.may_force_disarm:
         return ask(state, AutopilotAction.FORCE_DISARM, now_s)
     if guidance.contact and vehicle.landed is LandedState.ON_GROUND:
         return ask(state, AutopilotAction.DISARM, now_s)
     return Transition(state)
-
-
-def _handed_over(
-    state: MissionState, vehicle: VehicleState, action: AutopilotAction, mode: FlightMode, now_s: float
-) -> Transition:
-    """Ask PX4 for a mode of its own until it has taken it up or refused it too often; from then on it flies."""
-    if state.handed_over:
-        return Transition(state)
-    if vehicle.mode is mode:
-        return Transition(replace(state, handed_over=True))
-    if state.refusals >= REFUSALS_MAX:
-        words = OperatorText(f"{state.phase.value}: PX4 refused, it is in {vehicle.mode.value}"[:50], Severity.CRITICAL)
-        return Transition(replace(state, handed_over=True), texts=(words,))
-    return ask(state, action, now_s)
 
 
 def _steady(state: MissionState, inputs: MissionInputs, now_s: float) -> MissionState:
@@ -241,7 +223,7 @@ def _go_round(
     vehicle, track = inputs.vehicle, inputs.track
     anchor = np.zeros(3) if vehicle is None else np.array(vehicle.pos_ned_m)
     if track is not None:
-        anchor = np.array(track.at(now_s).pos_ned_m)
+        anchor = np.array(track.at(min(now_s, track.t_capture_s + ANCHOR_AHEAD_MAX_S)).pos_ned_m)
     if state.home_ned_m is not None and track is None:
         anchor[2] = state.home_ned_m[2]
     goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor)

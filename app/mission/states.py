@@ -53,7 +53,13 @@ IN_OFFBOARD = frozenset({Phase.SEARCH, Phase.HOVER, Phase.TRACK, Phase.LAND})
 """The phases in which Alight steers."""
 ACTIVE = IN_OFFBOARD | {Phase.TAKEOFF}
 """The phases in which a command is being carried out."""
-HANDED_OVER = frozenset({Phase.HOLD, Phase.RETURN, Phase.FALLBACK_LAND})
+OWN_MODE = {
+    Phase.HOLD: (AutopilotAction.HOLD, FlightMode.HOLD),
+    Phase.RETURN: (AutopilotAction.RETURN, FlightMode.RETURN),
+    Phase.FALLBACK_LAND: (AutopilotAction.LAND, FlightMode.LAND),
+}
+"""What is asked of PX4 on entering a phase that it flies by itself, and the mode that this shows as."""
+HANDED_OVER = frozenset(OWN_MODE)
 """The phases in which PX4 flies a mode of its own because Alight asked for it."""
 
 
@@ -67,13 +73,16 @@ class MissionState:
         goal: What the controller was told.
         command: The command that is being carried out; None when done.
         tries: Landings (or approaches) that failed in this mission.
-        home_ned_m: (3,) ground below where this mission began.
+        home_ned_m: (3,) ground below where this mission began; None between missions.
         pending: The action whose answer is awaited.
+        asked: The action that was last asked for in this phase.
         asked_s: When it was asked for.
-        refusals: Actions refused in a row in this phase.
-        entry_mode: PX4's mode when Alight began to ask for offboard.
-        offboard_seen: PX4 has reported offboard since.
+        accepted: That action, once PX4 has accepted it; that it happened shows up to a second later.
+        refusals: How often PX4 refused that action, or accepted it without showing it.
+        entry_mode: PX4's mode when Alight began to ask for another: not yet a sign of the pilot.
+        offboard_seen: PX4 has accepted and reported offboard since.
         steady_since_s: Since when the vehicle has been settled over the pad.
+        committed_since_s: Since when the landing has been committed.
         takeoff_accepted: PX4 accepted the take-off.
         handed_over: PX4 has taken up the mode of its own that a HOLD, RETURN or FALLBACK_LAND asked for.
     """
@@ -85,11 +94,14 @@ class MissionState:
     tries: int = 0
     home_ned_m: Array | None = None
     pending: AutopilotAction | None = None
+    asked: AutopilotAction | None = None
     asked_s: float = 0.0
+    accepted: AutopilotAction | None = None
     refusals: int = 0
     entry_mode: FlightMode = FlightMode.UNKNOWN
     offboard_seen: bool = False
     steady_since_s: float | None = None
+    committed_since_s: float | None = None
     takeoff_accepted: bool = False
     handed_over: bool = False
 

@@ -21,12 +21,14 @@ from app.messages import (
     Severity,
     VehicleState,
 )
-from app.mission.states import MissionInputs, MissionState, Reason, Transition
+from app.mission.states import HANDED_OVER, IN_OFFBOARD, OWN_MODE, MissionInputs, MissionState, Reason, Transition
 
 PROGRESS = {Phase.TAKEOFF: 10, Phase.SEARCH: 30, Phase.HOVER: 50, Phase.TRACK: 65, Phase.LAND: 80}
 """What the phone is told of a mission's progress, in percent, when it enters a phase."""
 RETRY_S = 1.0
 """An action that was refused is asked for again after this long."""
+CONFIRM_S = 2.5
+"""What PX4 accepted shows in its telemetry within 1 s (measured); after more than twice that it did not happen."""
 
 
 def go(
@@ -41,7 +43,10 @@ def go(
     result: CommandResult | None = None,
     **changes: object,
 ) -> Transition:
-    """Enter a phase. `result` ends the command with that answer; else a running one is answered with its progress."""
+    """Enter a phase. `result` ends the command with that answer; else a running one is answered with its progress.
+
+    A mission that is over leaves no home behind: the next one may begin elsewhere, over other ground.
+    """
     answers: tuple[CommandAnswer, ...] = ()
     command = state.command
     if command is not None and result is not None:
@@ -54,14 +59,26 @@ def go(
         since_s=now_s,
         goal=goal or numbered(state, GoalKind.NONE),
         command=command,
+        home_ned_m=None if phase in (Phase.IDLE, Phase.LANDED) else state.home_ned_m,
         pending=None,
+        asked=None,
+        accepted=None,
         refusals=0,
+        entry_mode=_mode_of(state) if phase in HANDED_OVER else state.entry_mode,
         handed_over=False,
         steady_since_s=None,
+        committed_since_s=None,
     )
     entered = replace(entered, **changes)  # type: ignore[arg-type]  # field names are checked by replace itself
     text = f"{phase.value}: {detail or reason.value}"
     return Transition(entered, reason, answers=answers, texts=(OperatorText(text[:50], severity),))
+
+
+def _mode_of(state: MissionState) -> FlightMode:
+    """The mode that PX4 flies in this state, as far as Alight asked for it."""
+    if state.phase in HANDED_OVER and state.handed_over:
+        return OWN_MODE[state.phase][1]
+    return FlightMode.OFFBOARD if state.phase in IN_OFFBOARD and state.offboard_seen else state.entry_mode
 
 
 def numbered(state: MissionState, kind: GoalKind, height_m: float = 0.0, anchor_ned_m: Array | None = None) -> Goal:
@@ -77,15 +94,23 @@ def fail(state: MissionState, reason: Reason, now_s: float, config: MissionConfi
 
 
 def ask(state: MissionState, action: AutopilotAction, now_s: float, height_m: float = 0.0) -> Transition:
-    """Ask for an action, unless one is pending or one was refused a moment ago."""
-    if state.pending is not None or (state.refusals and now_s - state.asked_s < RETRY_S):
+    """Ask for an action, unless one is pending, this one was refused a moment ago, or it was accepted and has not had
+    the time to show. One that was accepted and doesn't show counts as refused.
+    """
+    if state.pending is not None:
         return Transition(state)
-    return Transition(replace(state, pending=action, asked_s=now_s), action=action, action_height_m=height_m)
+    refusals = state.refusals if state.asked is action else 0
+    unseen = state.accepted is action
+    if now_s - state.asked_s < (CONFIRM_S if unseen else RETRY_S if refusals else 0.0):
+        return Transition(state)
+    asked = replace(
+        state, pending=action, asked=action, asked_s=now_s, accepted=None, refusals=refusals + (1 if unseen else 0)
+    )
+    return Transition(asked, action=action, action_height_m=height_m)
 
 
 def enter_search(state: MissionState, vehicle: VehicleState, reason: Reason, now_s: float) -> Transition:
     """Begin with a stream of zero velocity; offboard and the pattern follow."""
-    in_offboard = vehicle.mode is FlightMode.OFFBOARD and state.offboard_seen
     return go(
         state,
         Phase.SEARCH,
@@ -93,7 +118,7 @@ def enter_search(state: MissionState, vehicle: VehicleState, reason: Reason, now
         now_s,
         goal=numbered(state, GoalKind.STAY),
         entry_mode=vehicle.mode,
-        offboard_seen=in_offboard,
+        offboard_seen=False,
     )
 
 
