@@ -9,10 +9,9 @@ px4_commands' and boot_clock's.
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import aclosing
 from types import TracebackType
@@ -27,9 +26,10 @@ from app.config import AutopilotConfig
 from app.errors import AutopilotError
 from app.log import get_logger
 from app.messages import AutopilotAction, CommandResult, Setpoint, VehicleState
+from drivers.autopilot.command_channel import CommandChannel, NoAnswerError
 from drivers.autopilot.px4_commands import SET_MESSAGE_INTERVAL, command_long, command_of, setpoint_fields
 from drivers.autopilot.telemetry import NAMES, VehicleTelemetry
-from drivers.mavsdk_session import MavsdkSession, encode, messages
+from drivers.mavsdk_session import COMPONENT_ID, MavsdkSession, encode, messages
 
 SETPOINT_AGE_MAX_S = 0.2
 """An older setpoint is not sent: a process that was stopped must not act on what it knew before."""
@@ -63,6 +63,7 @@ class Px4Autopilot:
         self._config = config
         self._telemetry = VehicleTelemetry()
         self._session = MavsdkSession(config.address, 1, AutopilotError)
+        self._commands = CommandChannel(self._send_command)
         self._direct: Any = None
         self._events: Any = None
         self._background: asyncio.Task[None] | None = None
@@ -195,6 +196,7 @@ class Px4Autopilot:
         async with asyncio.TaskGroup() as group:
             for name in NAMES:
                 group.create_task(self._read(name), name=f"autopilot-{name}")
+            group.create_task(self._read_acks(), name="autopilot-acks")
             group.create_task(self._read_statustexts(), name="autopilot-statustext")
             group.create_task(self._read_events(), name="autopilot-events")
             group.create_task(self._watch(), name="autopilot-watch")
@@ -253,8 +255,8 @@ class Px4Autopilot:
                 params = (float(message_id), 1e6 / rate_hz)
                 try:
                     result = await self._command(command_long(self.system_id, SET_MESSAGE_INTERVAL, *params))
-                except MavlinkDirectError as fault:
-                    result = fault.result.name
+                except NoAnswerError:
+                    result = "no answer"
                 if result != CommandResult.ACCEPTED.name:
                     _log.warning("telemetry.rate_refused", message_id=message_id, rate_hz=rate_hz, result=result)
             self._rates_set.set()
@@ -363,8 +365,8 @@ class Px4Autopilot:
                 f"PX4 gave no final answer to {action.value} within {self._config.action_timeout_s:g} s",
                 "check the link",
             ) from None
-        except MavlinkDirectError as fault:
-            raise AutopilotError(f"PX4 did not answer {action.value} ({fault.result.name})", "check the link") from None
+        except NoAnswerError:
+            raise AutopilotError(f"PX4 did not answer {action.value}", "check the link") from None
         if result != CommandResult.ACCEPTED.name:
             words = await self._words_since(start_s)
             if action is AutopilotAction.ARM:
@@ -389,13 +391,27 @@ class Px4Autopilot:
         """Send a COMMAND_LONG and return the name of the autopilot's final MAV_RESULT.
 
         Raises:
-            MavlinkDirectError: No answer came to four sends in two seconds, or the system is gone.
+            NoAnswerError: No answer came.
         """
-        message = MavlinkMessage("COMMAND_LONG", 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(fields))
-        ack = await self._open_direct().send_command(message)
-        result = int(json.loads(ack.fields_json)["result"])
+        result = await self._commands.run(fields)
         known = {r.value: r.name for r in CommandResult}
         return known.get(result, f"MAV_RESULT {result}")
+
+    async def _send_command(self, fields: Mapping[str, Any]) -> None:
+        message = MavlinkMessage("COMMAND_LONG", 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(dict(fields)))
+        try:
+            await self._open_direct().send_message(message)
+        except MavlinkDirectError as fault:
+            # Not an end: it is sent again, and a link that stays down shows as no answer.
+            _log.debug("command.not_sent", command=fields["command"], fault=fault.result.name)
+
+    async def _read_acks(self) -> None:
+        ours = ((self.system_id, COMPONENT_ID), (self.system_id, 0), (0, 0))
+        async with aclosing(messages(self._direct, "COMMAND_ACK")) as stream:
+            async for message in stream:
+                fields = message.fields
+                if (int(fields["target_system"]), int(fields["target_component"])) in ours:
+                    self._commands.take_ack(fields)
 
     def _open_direct(self) -> Any:
         if self._direct is None:

@@ -88,6 +88,11 @@ class Station:
                 return message
         raise TimeoutError(f"no {kind} within {timeout_s} s")
 
+    def forget(self) -> None:
+        """Empty the inbox."""
+        while not self.inbox.empty():
+            self.inbox.get_nowait()
+
     def of_kind(self, kind: str) -> list[tuple[float, Any]]:
         """Everything of a kind that was heard so far, with arrival times."""
         return [(t, m) for t, m in list(self.heard) if m.get_type() == kind]
