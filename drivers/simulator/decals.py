@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -31,34 +32,45 @@ class Decal:
     """A picture with its scale.
 
     Attributes:
-        levels: (rows, columns, 2) each half the size of the one before; first row: front, first column: left.
+        values: Reflectance times alpha (rows, columns), each half the size of the one before; first row: front, first
+            column: left. Empty: black throughout (a shadow).
+        alphas: Alpha, of the same sizes.
         texel_m: Of the first level.
         front_m: Where the front edge of the first row is, along the forward axis of the decal's frame.
         left_m: Where the left edge of the first column is, along the right axis (negative: to the left).
+        rim_m: (n, 2) forward, right of points round its rim.
     """
 
-    levels: tuple[Plane, ...]
+    values: tuple[Plane, ...]
+    alphas: tuple[Plane, ...]
     texel_m: float
     front_m: float
     left_m: float
-
-    @property
-    def corners_m(self) -> NDArray[np.float64]:
-        """(4, 2) forward, right of its rim."""
-        rows, columns = self.levels[0].shape[:2]
-        back, right = self.front_m - rows * self.texel_m, self.left_m + columns * self.texel_m
-        return np.array([[self.front_m, self.left_m], [self.front_m, right], [back, right], [back, self.left_m]])
+    rim_m: NDArray[np.float64]
 
 
-def decal(value: Plane, alpha: Plane, texel_m: float, front_m: float, left_m: float) -> Decal:
-    """A decal of a reflectance and an alpha (rows, columns), with its smaller copies."""
-    level: Plane = np.dstack([value * alpha, alpha]).astype(np.float32)
-    levels = [level]
-    while min(levels[-1].shape[:2]) >= 8 and all(side % 2 == 0 for side in levels[-1].shape[:2]):
-        rows, columns = levels[-1].shape[:2]
+def _levels(plane: Plane) -> tuple[Plane, ...]:
+    levels = [np.ascontiguousarray(plane, dtype=np.float32)]
+    while min(levels[-1].shape) >= 8 and all(side % 2 == 0 for side in levels[-1].shape):
+        rows, columns = levels[-1].shape
         half = cv2.resize(levels[-1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
         levels.append(np.ascontiguousarray(half, dtype=np.float32))
-    return Decal(tuple(levels), texel_m, front_m, left_m)
+    return tuple(levels)
+
+
+def outline(corners: NDArray[np.float64], parts: int = 8) -> NDArray[np.float64]:
+    """(n * parts, 2) points along the sides of a polygon (n, 2): enough for a lens that bends them."""
+    steps = np.linspace(0.0, 1.0, parts + 1)[:-1, None]
+    following = np.roll(corners, -1, axis=0)
+    return np.vstack([a + steps * (b - a) for a, b in zip(corners, following, strict=True)])
+
+
+def decal(value: Plane | None, alpha: Plane, texel_m: float, front_m: float, left_m: float) -> Decal:
+    """A decal of a reflectance (None: a shadow) and an alpha (rows, columns), with its smaller copies."""
+    rows, columns = alpha.shape
+    corners = rectangle(front_m, left_m + columns * texel_m, front_m - rows * texel_m, left_m)
+    values = () if value is None else _levels((value * alpha).astype(np.float32))
+    return Decal(values, _levels(alpha), texel_m, front_m, left_m, outline(corners))
 
 
 def grid(rows: int, columns: int, texel_m: float, front_m: float, left_m: float) -> tuple[Plane, Plane]:
@@ -82,7 +94,8 @@ def inside(forward: Plane, right: Plane, corners: NDArray[np.float64], soft_m: f
         offset = (-across * float(a[0]) + along * float(a[1])) / length
         distance = (-across / length) * forward + (along / length) * right - offset
         np.minimum(nearest, distance, out=nearest)
-    return np.clip(nearest / np.float32(soft_m) + 0.5, 0.0, 1.0).astype(np.float32)
+    result: Plane = np.clip(nearest / np.float32(soft_m) + 0.5, 0.0, 1.0).astype(np.float32)
+    return result
 
 
 def rectangle(front: float, right: float, back: float, left: float) -> NDArray[np.float64]:
@@ -98,19 +111,36 @@ def landmark_decal(landmark: Landmark, sun_forward: float, sun_right: float) -> 
         sun_forward: Horizontal way to the sun over its height (cot of its elevation), along the pad's forward.
         sun_right: The same along the pad's right.
     """
-    half = landmark.quiet_zone_m * BOARD_MARGIN / 2.0
+    shapes = tuple((contour.black, tuple(map(tuple, contour.corners_m.tolist()))) for contour in landmark.contours)
+    return _print(shapes, landmark.quiet_zone_m, round(sun_forward, 4), round(sun_right, 4))
+
+
+@lru_cache(maxsize=8)
+def _print(
+    shapes: tuple[tuple[bool, tuple[tuple[float, ...], ...]], ...],
+    quiet_zone_m: float,
+    sun_forward: float,
+    sun_right: float,
+) -> Decal:
+    """The same from values that can be remembered by."""
+    half = quiet_zone_m * BOARD_MARGIN / 2.0
     texel = 2.0 * half / LANDMARK_TEXELS
     forward, right = grid(LANDMARK_TEXELS, LANDMARK_TEXELS, texel, half, -half)
-    zone = landmark.quiet_zone_m / 2.0
-    board = inside(forward, right, rectangle(zone, zone, -zone, -zone), texel)
+    zone = quiet_zone_m / 2.0
+    square = rectangle(zone, zone, -zone, -zone)
+    board = inside(forward, right, square, texel)
     value = np.full(forward.shape, WHITE, dtype=np.float32)
-    for contour in landmark.contours:
-        cover = inside(forward, right, contour.corners_m, texel)
-        value += cover * (np.float32(BLACK if contour.black else WHITE) - value)
+    for black, corners in shapes:
+        paint(value, inside(forward, right, np.array(corners), texel), BLACK if black else WHITE)
     # The board's own shadow falls away from the sun; round all of it the light is a little less.
     away = (-sun_forward * BOARD_THICKNESS_M, -sun_right * BOARD_THICKNESS_M)
-    shadow = inside(forward - away[0], right - away[1], rectangle(zone, zone, -zone, -zone), 0.006)
-    gloom = inside(forward, right, rectangle(zone, zone, -zone, -zone), 0.05)
-    alpha = np.maximum(board, np.maximum(0.55 * shadow, 0.22 * gloom))
+    shadow = inside(forward, right, square + np.array(away), 0.006)
+    gloom = inside(forward, right, square, 0.05)
+    alpha = np.maximum(board, np.maximum(0.55 * shadow, 0.22 * gloom)).astype(np.float32)
     light = np.where(alpha > 0.0, board / np.maximum(alpha, 1e-6), 0.0)
     return decal((value * light).astype(np.float32), alpha, texel, half, -half)
+
+
+def paint(value: Plane, cover: Plane, shade: float) -> None:
+    """Paint a shade over a picture where it is covered."""
+    value += cover * (np.float32(shade) - value)

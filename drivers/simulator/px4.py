@@ -173,7 +173,7 @@ class Px4:
         return mode is FlightMode.TAKEOFF
 
     def _follow(self, dt: float, now: Estimate) -> None:
-        """Take-off state and position loop. `_flight`: under 0 spooling up, 0 on the ground, to 1 ramping up, 1 flying."""
+        """Take-off state and position loop. `_flight`: 0 on the ground, rising to 1 in the take-off ramp, 1 flying."""
         get = self.params
         up, down = get["MPC_Z_VEL_MAX_UP"], get["MPC_Z_VEL_MAX_DN"]
         if not self.commander.armed:

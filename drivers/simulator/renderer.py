@@ -13,17 +13,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from app.config import CameraConfig, LensConfig, WorldConfig
 from app.frames import BODY_FROM_CAM_DOWN, rotation_from_euler, rotation_from_quaternion
 from app.landmark import Landmark
 from app.messages import Image
-from drivers.simulator.decals import Decal, landmark_decal
+from drivers.simulator.decals import Decal, landmark_decal, outline
 from drivers.simulator.lens import Lens
 from drivers.simulator.scene import drone_shadow, lane_mark
 from drivers.simulator.sensor import Sensor
-from drivers.simulator.textures import LAND_M, PATCH_M, TILE_M, Plane, ground
+from drivers.simulator.textures import LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
 from drivers.simulator.van import SIDE, Van, build_van
 from drivers.simulator.world import Truth
 
@@ -34,12 +35,12 @@ CARRIER_FROM_M = 0.3
 HORIZON = 0.02
 """Cosine from the vertical at which the ground ends in haze."""
 SKY = 0.45
-BLUR_STEP_PX = 0.8
-"""Motion in the exposure that takes another sub-exposure,"""
+BLUR_STEP_PX = 1.6
+"""Motion in the exposure that takes another sub-exposure: less is lost in the lens's own blur."""
 SUB_EXPOSURES_MAX = 4
 COARSE = 4
 """Patches and haze are worked out on every fourth pixel."""
-SAMPLES_MAX = 260_000
+SAMPLES_MAX = 130_000
 """Supersampling of a decal stays under this many samples."""
 PATCH_TURN_RAD = 0.58
 LAND_TURN_RAD = -0.37
@@ -53,14 +54,36 @@ class _View:
     Attributes:
         position: (3,) north, east, down of the optical centre.
         world_from_cam: (3, 3).
-        slopes: (height, width, 2) north and east per metre down of each pixel's direction.
+        north: (height, width) metres north per metre down, along each pixel's direction.
+        east: The same to the east.
         truth: Where everything else is.
     """
 
     position: Array
     world_from_cam: Array
-    slopes: Plane
+    north: Plane
+    east: Plane
     truth: Truth
+
+
+def _combine(planes: tuple[Plane, ...], weights: Array, out: Plane) -> None:
+    """The weighted sum of three planes."""
+    cv2.addWeighted(planes[0], float(weights[0]), planes[1], float(weights[1]), 0.0, dst=out)
+    cv2.scaleAdd(planes[2], float(weights[2]), out, dst=out)
+
+
+def _enlarge(plane: Plane, factor: int) -> Plane:
+    """A plane at factor times the samples, pixel areas kept in place."""
+    return np.asarray(cv2.resize(plane, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def _sample(texture: Plane, u: MatLike, v: MatLike, factor: int) -> Plane:
+    """The texture at (u, v), averaged over factor x factor samples a pixel; 0 outside of it."""
+    drawn = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    if factor > 1:
+        size = (drawn.shape[1] // factor, drawn.shape[0] // factor)
+        drawn = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(drawn, dtype=np.float32)
 
 
 class Renderer:
@@ -75,8 +98,9 @@ class Renderer:
 
     def __init__(self, world: WorldConfig, landmark: Landmark, lens: LensConfig, camera: CameraConfig) -> None:
         self._lens = Lens(lens)
-        self._rays = self._lens.rays()
-        self._sensor = Sensor(self._rays, world.noise_dn, world.seed)
+        rays = self._lens.rays()
+        self._rays = tuple(np.ascontiguousarray(rays[..., k]) for k in range(3))
+        self._sensor = Sensor(rays, world.noise_dn, world.seed)
         self._ground = ground(world.ground, 1 + world.seed % 4)
         self._exposure_s = world.exposure_ms / 1e3
         self._mount_m = np.array(camera.position_body_m, dtype=np.float64)
@@ -97,13 +121,12 @@ class Renderer:
         motion = world.motion
         self._van: Van | None = None
         if motion.height_m >= CARRIER_FROM_M:
-            self._van = build_van(landmark, motion.height_m, motion.deck_m, sun_on_pad, world.seed)
+            self._van = build_van(motion.height_m, motion.deck_m, sun_on_pad, world.seed % 4)
         self._lane = lane_mark() if world.ground == "asphalt" else None
         self._lane_origin = (motion.north_m, motion.east_m, math.radians(motion.heading_deg))
         self._drone = drone_shadow()
         height, width = self._lens.height, self._lens.width
-        self._light: Plane = np.empty((height, width), dtype=np.float32)
-        self._slopes: Plane = np.empty((height, width, 2), dtype=np.float32)
+        self._planes = tuple(np.empty((height, width), dtype=np.float32) for _ in range(7))
 
     # ---------------------------------------------------------------------------------------------------- one frame
     def render(self, truth: Truth) -> Image:
@@ -112,7 +135,7 @@ class Renderer:
         if count == 1:
             light = self._draw(self._view(truth, 0.0))
         else:
-            light = np.zeros_like(self._light)
+            light = np.zeros_like(self._planes[0])
             for k in range(count):
                 shift_s = ((k + 0.5) / count - 0.5) * self._exposure_s
                 cv2.accumulate(self._draw(self._view(truth, shift_s)), light)
@@ -138,12 +161,12 @@ class Renderer:
         p, q, r = (shift_s * rate for rate in truth.rates)
         turned: Array = rotation @ np.array([[1.0, -r, q], [r, 1.0, -p], [-q, p, 1.0]])
         world_from_cam: Array = turned @ self._body_from_cam
-        directions = cv2.transform(self._rays, world_from_cam.astype(np.float32))
-        north, east, down = cv2.split(directions)
-        cv2.max(down, HORIZON, dst=down)
-        slopes = self._slopes
-        np.divide(north, down, out=slopes[..., 0])
-        np.divide(east, down, out=slopes[..., 1])
+        north, east, down = self._planes[:3]
+        for plane, row in zip((north, east, down), world_from_cam, strict=True):
+            _combine(self._rays, row, plane)
+        np.maximum(down, np.float32(HORIZON), out=down)
+        cv2.divide(north, down, dst=north)
+        cv2.divide(east, down, dst=east)
         pad = truth.pad
         moved = (pad.north_m + shift_s * pad.vel_north_m_s, pad.east_m + shift_s * pad.vel_east_m_s)
         shifted = Truth(
@@ -154,7 +177,7 @@ class Renderer:
             truth.rates,
             type(pad)(*moved, pad.down_m, pad.vel_north_m_s, pad.vel_east_m_s, pad.heading_rad, pad.deck_half_m),
         )
-        return _View(position + turned @ self._mount_m, world_from_cam, slopes, shifted)
+        return _View(position + turned @ self._mount_m, world_from_cam, north, east, shifted)
 
     def _draw(self, view: _View) -> Plane:
         """Light of one instant, (height, width)."""
@@ -180,17 +203,23 @@ class Renderer:
         textures = self._ground
         height = max(0.02, -float(view.position[2]))
         texel = height / self._lens.focal_px
-        level = 2.0 * math.log2(max(texel, 1e-6) / (TILE_M / textures.fine[0].shape[0]))
+        level = 2.0 * math.log2(max(texel, 1e-6) / (TILE_M / TILE_PX))
         fine = textures.fine[max(0, min(len(textures.fine) - 1, round(level)))]
-        uv = self._uv(view.slopes, view.position, height, TILE_M, fine.shape[0], 0.0)
-        light = np.asarray(cv2.remap(fine, uv, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
-        coarse = np.ascontiguousarray(view.slopes[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE])
-        broad = np.full(coarse.shape[:2], textures.reflectance, dtype=np.float32)
+        light, u, v = self._planes[3:6]
+        self._uv((view.north, view.east), (u, v), view.position, height, (TILE_M, fine.shape[0] - SEAM_PX, 0.0))
+        cv2.remap(fine, u, v, cv2.INTER_LINEAR, dst=light, borderMode=cv2.BORDER_REPLICATE)
+        coarse = tuple(
+            np.ascontiguousarray(plane[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE])
+            for plane in (view.north, view.east)
+        )
+        broad = np.full(coarse[0].shape, textures.reflectance, dtype=np.float32)
+        at = (np.empty_like(broad), np.empty_like(broad))
         for tile, size_m, turn in ((textures.patches, PATCH_M, PATCH_TURN_RAD), (textures.land, LAND_M, LAND_TURN_RAD)):
-            at = self._uv(coarse, view.position, height, size_m, tile.shape[0], turn)
-            broad *= cv2.remap(tile, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+            self._uv(coarse, at, view.position, height, (size_m, tile.shape[0] - SEAM_PX, turn))
+            drawn = cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            broad *= np.asarray(drawn, dtype=np.float32)
         # Where a pixel covers several texels the detail has to fade into its mean: the far ground under a slant.
-        stretch = 1.0 + coarse[..., 0] ** 2 + coarse[..., 1] ** 2
+        stretch = 1.0 + coarse[0] ** 2 + coarse[1] ** 2
         detail = np.clip(2.6 / stretch, 0.0, 1.0).astype(np.float32)
         haze = np.clip((stretch - 600.0) / 1400.0, 0.0, 1.0).astype(np.float32)
         gain = broad * detail * (1.0 - haze)
@@ -202,16 +231,27 @@ class Renderer:
         return light
 
     @staticmethod
-    def _uv(slopes: Plane, position: Array, height: float, size_m: float, size_px: int, turn: float) -> Plane:
-        """Texture coordinates of a square tile under directions; whole tiles are taken off for the precision."""
+    def _uv(
+        slopes: tuple[Plane, ...],
+        out: tuple[Plane, Plane],
+        position: Array,
+        height: float,
+        tile: tuple[float, int, float],
+    ) -> None:
+        """Texture coordinates of a square tile (size in m and px, turn) under directions."""
+        size_m, size_px, turn = tile
         c, s = math.cos(turn), math.sin(turn)
         north, east = float(position[0]), float(position[1])
         scale = size_px / size_m
+        k = height * scale
+        # Whole tiles are taken off: 32 bits don't hold a long way at a small texel.
         u0 = ((c * north + s * east) * scale) % size_px - 0.5
         v0 = ((-s * north + c * east) * scale) % size_px - 0.5
-        k = height * scale
-        matrix = np.array([[c * k, s * k, u0], [-s * k, c * k, v0]], dtype=np.float32)
-        return np.asarray(cv2.transform(slopes, matrix), dtype=np.float32)
+        for plane, a, b, shift in ((out[0], c * k, s * k, u0), (out[1], -s * k, c * k, v0)):
+            # Folded into the tile here: OpenCV's own wrapping takes a slow path for every pixel outside.
+            cv2.addWeighted(slopes[0], a / size_px, slopes[1], b / size_px, shift / size_px, dst=plane)
+            plane -= np.floor(plane)
+            plane *= np.float32(size_px)
 
     # --------------------------------------------------------------------------------------------------- the decals
     def _lay(
@@ -223,69 +263,50 @@ class Renderer:
         if above < 0.02:
             return
         c, s = math.cos(heading), math.sin(heading)
-        corners = picture.corners_m
-        rim = np.column_stack(
-            [north + c * corners[:, 0] - s * corners[:, 1], east + s * corners[:, 0] + c * corners[:, 1]]
-        )
+        rim = picture.rim_m @ np.array([[c, s], [-s, c]]) + (north, east)
         box = self._box(view, rim, -height_m)
         if box is None:
             return
         u0, v0, u1, v1 = box
-        area = (u1 - u0) * (v1 - v0)
-        factor = max(1, min(4, math.isqrt(max(1, SAMPLES_MAX // max(1, area)))))
+        factor = max(1, min(4, math.isqrt(SAMPLES_MAX // ((u1 - u0) * (v1 - v0)))))
         # Decal coordinates of a pixel are affine in its slopes: scale by the height, move, turn, to texels.
         wanted = above / self._lens.focal_px / factor
-        level = max(0, min(len(picture.levels) - 1, math.floor(math.log2(max(wanted / picture.texel_m, 1e-6)) + 0.35)))
+        finest = math.floor(math.log2(max(wanted / picture.texel_m, 1e-6)) + 0.35)
+        level = max(0, min(len(picture.alphas) - 1, finest))
         texel = picture.texel_m * 2**level
         dn, de = float(view.position[0]) - north, float(view.position[1]) - east
-        forward0, right0 = c * dn + s * de, -s * dn + c * de
+        u_shift = (-s * dn + c * de - picture.left_m) / texel - 0.5
+        v_shift = (picture.front_m - c * dn - s * de) / texel - 0.5
         k = above / texel
-        matrix = np.array(
-            [
-                [-s * k, c * k, (right0 - picture.left_m) / texel - 0.5],
-                [-c * k, -s * k, (picture.front_m - forward0) / texel - 0.5],
-            ],
-            dtype=np.float32,
-        )
-        slopes = view.slopes[v0:v1, u0:u1]
+        slopes = [plane[v0:v1, u0:u1] for plane in (view.north, view.east)]
         if factor > 1:
-            slopes = cv2.resize(slopes, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
-        uv = cv2.transform(np.ascontiguousarray(slopes), matrix)
-        drawn = cv2.remap(picture.levels[level], uv, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        if factor > 1:
-            drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
-        value, alpha = cv2.split(drawn)
+            slopes = [_enlarge(plane, factor) for plane in slopes]
+        u = cv2.addWeighted(slopes[0], -s * k, slopes[1], c * k, u_shift)
+        v = cv2.addWeighted(slopes[0], -c * k, slopes[1], -s * k, v_shift)
         under = light[v0:v1, u0:u1]
+        alpha = _sample(picture.alphas[level], u, v, factor)
         under *= np.float32(1.0) - alpha
-        under += value
+        if picture.values:
+            under += _sample(picture.values[level], u, v, factor)
 
     def _box(self, view: _View, rim: Array, down: float) -> tuple[int, int, int, int] | None:
-        """(u0, v0, u1, v1), half open, of the image that a convex outline (n, 2) at a depth may cover; None: nothing."""
-        steps = np.linspace(0.0, 1.0, 9)[:-1, None]
-        edges = np.vstack([a + steps * (b - a) for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)])
-        points = np.column_stack([edges, np.full(len(edges), down)]) - view.position
-        pixels = self._lens.project(points @ view.world_from_cam)
+        """(u0, v0, u1, v1), half open, that an outline (n, 2) at a depth may cover in the image; None: nothing."""
+        points = np.empty((len(rim), 3))
+        points[:, :2], points[:, 2] = rim, down
+        pixels = self._lens.project((points - view.position) @ view.world_from_cam)
         width, height = self._lens.width, self._lens.height
         seen = ~np.isnan(pixels[:, 0])
         if not seen.any():
             return None
-        if not seen.all() or self._under(view, rim):
+        low, high = np.nanmin(pixels, axis=0), np.nanmax(pixels, axis=0)
+        if not seen.all():
+            # Part of the rim is out of the lens's sight: the pixels of the rest bound nothing.
             low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
-            if seen.all():
-                low, high = np.minimum(pixels.min(axis=0), high), np.maximum(pixels.max(axis=0), low)
-        else:
-            low, high = pixels.min(axis=0), pixels.max(axis=0)
-        # An edge bends between its points by a distorted lens: two pixels more, and a share of the size.
+        # A side bends between its points by a distorted lens: two pixels more, and a share of the size.
         margin = 2.0 + 0.02 * float((high - low).max())
-        u0, v0 = (max(0, math.floor(x)) for x in low - margin)
+        u0, v0 = max(0, math.floor(low[0] - margin)), max(0, math.floor(low[1] - margin))
         u1, v1 = min(width, math.ceil(high[0] + margin) + 1), min(height, math.ceil(high[1] + margin) + 1)
         return None if u1 <= u0 or v1 <= v0 else (u0, v0, u1, v1)
-
-    @staticmethod
-    def _under(view: _View, rim: Array) -> bool:
-        """Whether the camera is over the outline's bounding box."""
-        here = view.position[:2]
-        return bool((rim.min(axis=0) <= here).all() and (here <= rim.max(axis=0)).all())
 
     def _draw_sides(self, light: Plane, view: _View, van: Van) -> None:
         """Fill the van's sides: the hull of its outline on the road and under the roof, as the camera sees them."""
@@ -294,20 +315,12 @@ class Renderer:
         if -float(view.position[2]) < top + 0.1:
             return
         c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
-        outline = np.column_stack(
-            [
-                pad.north_m + c * van.body[:, 0] - s * van.body[:, 1],
-                pad.east_m + s * van.body[:, 0] + c * van.body[:, 1],
-            ]
-        )
-        # In the plane of slopes straight lines stay straight, so the hull is taken there.
-        flat = [
-            (outline - view.position[:2]) / (-height - float(view.position[2])) for height in (0.12, 0.55 * top, top)
-        ]
-        flat[2] = flat[2][np.array([2, 3, 4, 5])]
+        body = van.body @ np.array([[c, s], [-s, c]]) + (pad.north_m, pad.east_m) - view.position[:2]
+        # In the plane of slopes straight lines stay straight, so the hull is taken there. The bonnet is lower.
+        flat = [body / (-level - float(view.position[2])) for level in (0.12, 0.55 * top, top)]
+        flat[2] = flat[2][2:]
         hull = cv2.convexHull(np.vstack(flat).astype(np.float32))[:, 0, :].astype(np.float64)
-        steps = np.linspace(0.0, 1.0, 9)[:-1, None]
-        edges = np.vstack([a + steps * (b - a) for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True)])
+        edges = outline(hull)
         pixels = self._lens.project(np.column_stack([edges, np.ones(len(edges))]) @ view.world_from_cam)
         if np.isnan(pixels).any():
             return

@@ -39,5 +39,5 @@ def drone_shadow() -> tuple[Decal, Decal]:
     made = []
     for blur_m in (0.008, 0.03):
         alpha = SHADE * cv2.GaussianBlur(cover.astype(np.float32), (0, 0), blur_m / texel)
-        made.append(decal(np.zeros_like(alpha), alpha.astype(np.float32), texel, half, -half))
+        made.append(decal(None, alpha.astype(np.float32), texel, half, -half))
     return made[0], made[1]

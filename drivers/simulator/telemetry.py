@@ -1,4 +1,4 @@
-"""What PX4 streams: one builder for each MAVLink message, from the flight controller's own estimate, never the truth."""
+"""What PX4 streams: a builder for each MAVLink message, from the flight controller's own estimate, never the truth."""
 
 from __future__ import annotations
 

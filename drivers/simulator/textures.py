@@ -6,8 +6,10 @@ aggregate; patches; the lie of the land), so that no repetition shows. All are f
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +21,8 @@ TILE_PX = 2048
 TILE_M = 2.56
 """1.25 mm a texel: finer than a pixel from 0.6 m up."""
 WIDE_PX = 512
+SEAM_PX = 2
+"""Each tile is stored with this many of its first rows and columns again behind its last: no seam when interpolated."""
 PATCH_M = 11.3
 LAND_M = 137.0
 
@@ -55,11 +59,17 @@ def ground(kind: str, seed: int) -> Ground:
     patches = _clouds(source, WIDE_PX, (3.0, 9.0, 30.0), (0.5, 0.7, 1.0))
     land = _clouds(source, WIDE_PX, (4.0, 16.0, 60.0), (0.6, 0.7, 1.0))
     return Ground(
-        tuple(fine),
-        np.clip(1.0 + (0.16 if lawn else 0.08) * patches, 0.4, 1.7).astype(np.float32),
-        np.clip(1.0 + (0.12 if lawn else 0.06) * land, 0.5, 1.6).astype(np.float32),
+        tuple(_seamless(tile) for tile in fine),
+        _seamless(np.clip(1.0 + (0.16 if lawn else 0.08) * patches, 0.4, 1.7)),
+        _seamless(np.clip(1.0 + (0.12 if lawn else 0.06) * land, 0.5, 1.6)),
         0.105 if lawn else 0.13,
     )
+
+
+def _seamless(tile: NDArray[np.floating[Any]]) -> Plane:
+    """A tile with its first rows and columns again behind its last."""
+    result: Plane = np.pad(tile, ((0, SEAM_PX), (0, SEAM_PX)), mode="wrap").astype(np.float32)
+    return result
 
 
 def _shrink(tile: Plane, size: int) -> Plane:
@@ -76,7 +86,17 @@ def _clouds(source: np.random.Generator, size: int, sigmas_px: tuple[float, ...]
         spectrum = np.fft.fft2(source.standard_normal((size, size)))
         layer = np.fft.ifft2(spectrum * np.exp(-2.0 * np.pi**2 * sigma**2 * squared)).real
         total += weight * (layer - layer.mean()) / layer.std()
-    return (total / total.std()).astype(np.float32)
+    result: Plane = (total / total.std()).astype(np.float32)
+    return result
+
+
+def _grain(source: np.random.Generator, sigma_px: float) -> Plane:
+    """Seamless noise of mean 0 and deviation 1 for a whole tile, low-passed at one fine scale."""
+    reach = math.ceil(4 * sigma_px)
+    noise = np.pad(source.standard_normal((TILE_PX, TILE_PX), dtype=np.float32), reach, mode="wrap")
+    blurred = cv2.GaussianBlur(noise, (0, 0), sigma_px)[reach:-reach, reach:-reach]
+    result: Plane = (blurred / blurred.std()).astype(np.float32)
+    return result
 
 
 def _strokes(
@@ -126,13 +146,13 @@ def _lawn(source: np.random.Generator) -> Plane:
         cv2.circle(tile, (x, y), 3, 190, -1, cv2.LINE_AA)
     clumps = _clouds(source, 256, (4.0, 14.0), (1.0, 1.0))
     big = cv2.resize(np.pad(clumps, 1, mode="wrap"), None, fx=8, fy=8, interpolation=cv2.INTER_LINEAR)[8:-8, 8:-8]
-    return ((tile.astype(np.float32) / 100.0) ** 1.6 * (1.0 + 0.12 * big)).astype(np.float32)
+    result: Plane = ((tile.astype(np.float32) / 100.0) ** 1.6 * (1.0 + 0.12 * big)).astype(np.float32)
+    return result
 
 
 def _asphalt(source: np.random.Generator) -> Plane:
     """Worn asphalt: aggregate of several sizes in dark binder, some pale stones, hairline cracks."""
-    coarse = _clouds(source, TILE_PX, (4.0,), (1.0,))
-    small = _clouds(source, TILE_PX, (1.6,), (1.0,))
+    coarse, small = _grain(source, 4.0), _grain(source, 1.6)
     tile = 1.0 + 0.20 * np.tanh(1.6 * coarse) + 0.12 * small
     pale = np.zeros((TILE_PX, TILE_PX), dtype=np.uint8)
     for _ in range(2600):
@@ -149,4 +169,5 @@ def _asphalt(source: np.random.Generator) -> Plane:
         points = points[(points > 20).all(axis=1) & (points < TILE_PX - 20).all(axis=1)]
         cv2.polylines(crack, [points], False, 255, 2, cv2.LINE_AA)
     tile *= 1.0 - 0.55 * cv2.GaussianBlur(crack, (0, 0), 1.0).astype(np.float32) / 255.0
-    return np.clip(tile, 0.15, None).astype(np.float32)
+    result: Plane = np.clip(tile, 0.15, None).astype(np.float32)
+    return result

@@ -7,13 +7,13 @@ are flat; the sides are filled between the outlines of road and roof.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.landmark import Landmark
-from drivers.simulator.decals import Decal, decal, grid, inside, rectangle
+from drivers.simulator.decals import Decal, decal, grid, inside, paint, rectangle
 from drivers.simulator.textures import Plane
 
 HALF_WIDTH_M = 0.98
@@ -73,12 +73,7 @@ def _canvas(front: float, back: float, half: float, texel: float) -> tuple[Plane
     return forward, right, top, left
 
 
-def _lay(value: Plane, cover: Plane, shade: float) -> None:
-    """Paint a shade over a picture where it is covered."""
-    value += cover * (np.float32(shade) - value)
-
-
-def _roof(landmark: Landmark, deck_half_m: float, source: np.random.Generator) -> Decal:
+def _roof(deck_half_m: float, source: np.random.Generator) -> Decal:
     """Painted roof with ribs and rack rails; the deck is a matt board in its middle."""
     forward, right, top, left = _canvas(ROOF_FRONT_M, ROOF_BACK_M, HALF_WIDTH_M, TEXEL_M)
     outline = rectangle(ROOF_FRONT_M, HALF_WIDTH_M - 0.06, ROOF_BACK_M, -HALF_WIDTH_M + 0.06)
@@ -88,24 +83,24 @@ def _roof(landmark: Landmark, deck_half_m: float, source: np.random.Generator) -
     value *= (1.0 + 0.10 * np.cos(1.3 * forward + 0.4) - 0.10 * (right / HALF_WIDTH_M) ** 2).astype(np.float32)
     for position in (-0.62, -0.31, 0.0, 0.31, 0.62):
         rib = rectangle(ROOF_FRONT_M - 0.2, position + 0.012, ROOF_BACK_M + 0.15, position - 0.012)
-        _lay(value, 0.8 * inside(forward, right, rib, 0.012), PAINT * 0.6)
+        paint(value, 0.8 * inside(forward, right, rib, 0.012), PAINT * 0.6)
         lit = rectangle(ROOF_FRONT_M - 0.2, position + 0.024, ROOF_BACK_M + 0.15, position + 0.012)
-        _lay(value, 0.5 * inside(forward, right, lit, 0.008), PAINT * 1.35)
+        paint(value, 0.5 * inside(forward, right, lit, 0.008), PAINT * 1.35)
     for side in (-1.0, 1.0):
         inner, outer = sorted((side * (HALF_WIDTH_M - 0.16), side * (HALF_WIDTH_M - 0.11)))
-        _lay(value, inside(forward, right, rectangle(1.2, outer, -1.9, inner), 0.01), 0.06)
+        paint(value, inside(forward, right, rectangle(1.2, outer, -1.9, inner), 0.01), 0.06)
     hatch = rectangle(1.30, 0.22, 0.98, -0.22)
-    _lay(value, inside(forward, right, hatch, TEXEL_M), GLASS)
+    paint(value, inside(forward, right, hatch, TEXEL_M), GLASS)
     if deck_half_m < 0.95:
         deck = rectangle(deck_half_m, deck_half_m, -deck_half_m, -deck_half_m)
         grown = rectangle(*(1.02 * v for v in (deck_half_m, deck_half_m, -deck_half_m, -deck_half_m)))
-        _lay(value, 0.7 * inside(forward, right, grown, 0.03), 0.05)
-        _lay(value, inside(forward, right, deck, TEXEL_M), 0.21)
+        paint(value, 0.7 * inside(forward, right, grown, 0.03), 0.05)
+        paint(value, inside(forward, right, deck, TEXEL_M), 0.21)
         for k in (-1.0, 1.0):
             bolt = 0.93 * deck_half_m
             for place in (rectangle(k * bolt + 0.012, bolt + 0.012, k * bolt - 0.012, bolt - 0.012),):
-                _lay(value, inside(forward, right, place, TEXEL_M), 0.05)
-                _lay(value, inside(forward, -right, place, TEXEL_M), 0.05)
+                paint(value, inside(forward, right, place, TEXEL_M), 0.05)
+                paint(value, inside(forward, -right, place, TEXEL_M), 0.05)
     dirt = cv2.resize(
         source.standard_normal((forward.shape[0] // 16, forward.shape[1] // 16)).astype(np.float32),
         (forward.shape[1], forward.shape[0]),
@@ -132,13 +127,13 @@ def _bonnet() -> Decal:
     )
     alpha = inside(forward, right, nose, texel)
     value = (PAINT * (1.0 - 0.25 * (right / HALF_WIDTH_M) ** 2)).astype(np.float32)
-    _lay(value, inside(forward, right, rectangle(ROOF_FRONT_M + 0.68, 0.9, ROOF_FRONT_M + 0.55, -0.9), 0.02), 0.03)
+    paint(value, inside(forward, right, rectangle(ROOF_FRONT_M + 0.68, 0.9, ROOF_FRONT_M + 0.55, -0.9), 0.02), 0.03)
     for side in (-1.0, 1.0):
         inner, outer = sorted((side * 0.55, side * 0.575))
         crease = rectangle(NOSE_M - 0.15, outer, ROOF_FRONT_M + 0.7, inner)
-        _lay(value, 0.6 * inside(forward, right, crease, 0.01), PAINT * 0.55)
+        paint(value, 0.6 * inside(forward, right, crease, 0.01), PAINT * 0.55)
         inner, outer = sorted((side * 0.58, side * 0.86))
-        _lay(value, inside(forward, right, rectangle(NOSE_M - 0.06, outer, NOSE_M - 0.28, inner), 0.02), 0.55)
+        paint(value, inside(forward, right, rectangle(NOSE_M - 0.06, outer, NOSE_M - 0.28, inner), 0.02), 0.55)
     return decal(value, alpha, texel, top, left)
 
 
@@ -174,14 +169,14 @@ def _shadow(height_m: float, sun_forward: float, sun_right: float) -> Decal:
     cover = inside(forward, right, hull, 0.05)
     gloom = inside(forward, right, low, 0.5)
     alpha = np.maximum((1.0 - SHADE) * cover, 0.5 * gloom).astype(np.float32)
-    return decal(np.zeros_like(alpha), alpha, SHADOW_TEXEL_M, top, left)
+    return decal(None, alpha, SHADOW_TEXEL_M, top, left)
 
 
-def build_van(landmark: Landmark, height_m: float, deck_m: float, sun: tuple[float, float], seed: int) -> Van:
+@lru_cache(maxsize=8)
+def build_van(height_m: float, deck_m: float, sun: tuple[float, float], seed: int) -> Van:
     """The van under a pad.
 
     Args:
-        landmark: On its roof.
         height_m: Of the roof.
         deck_m: Side of the square that can be landed on.
         sun: Horizontal way to the sun over its height, along the pad's forward and right.
@@ -205,6 +200,6 @@ def build_van(landmark: Landmark, height_m: float, deck_m: float, sun: tuple[flo
         (
             Panel(_bonnet(), BONNET_SHARE * height_m),
             Panel(_screen(), SCREEN_SHARE * height_m),
-            Panel(_roof(landmark, deck_m / 2.0, source), height_m),
+            Panel(_roof(deck_m / 2.0, source), height_m),
         ),
     )
