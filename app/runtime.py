@@ -1,8 +1,8 @@
 """The application: opens the ports, starts the tasks, supervises them, and goes down in order.
 
-Critical tasks (telemetry, pose, control, mission, operator, actions) end the application when they fail; camera,
-detection and recorder are started again a bounded number of times. Whatever ends it, a vehicle that Alight was
-steering is told to hold before the setpoints stop.
+Critical tasks (telemetry, control, mission, operator, actions) end the application when they fail; camera, detection,
+pose and recorder are started again a bounded number of times, and a flight goes on without its record. Whatever ends
+it, a vehicle that Alight was steering is told to hold.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
 
 from app.channels import Events, Topic
 from app.clock import Clock
@@ -28,6 +29,7 @@ from app.messages import (
     CommandAnswer,
     ControlTurn,
     Detection,
+    FlightMode,
     Frame,
     GoalOrder,
     GuidanceStatus,
@@ -39,7 +41,7 @@ from app.messages import (
     Severity,
     VehicleState,
 )
-from app.mission.states import ACTIVE
+from app.mission.states import ACTIVE, HANDED_OVER
 from app.ports import Autopilot, Camera, OperatorLink, Recorder
 from app.systemd import Watchdog
 from app.tasks.actions import ActionRequest, run_actions
@@ -58,6 +60,8 @@ log = get_logger("runtime")
 
 RESTARTS_MAX = 5
 RESTART_AFTER_S = 1.0
+LAST_WORDS_S = 1.0
+"""For the phone's last answers, once every task has ended."""
 EXECUTOR_THREADS = 16
 """MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
 
@@ -112,7 +116,9 @@ class Application:
         self.reports: Topic[MissionReport] = Topic("reports")
         self.commands: Topic[OperatorCommand] = Topic("commands")
         self.texts: Topic[OperatorText] = Topic("texts")
+        self._answers: Events[CommandAnswer] = Events("answers")
         self._last_report = self.reports.subscribe()
+        self._last_vehicle = self.vehicle.subscribe()
 
     def stop(self) -> None:
         """Ask for an orderly end: hold if Alight is steering, then stop."""
@@ -137,6 +143,9 @@ class Application:
                 gc.freeze()  # what lives as long as the application needs no more looking at: no pauses from it
                 try:
                     await self._fly(autopilot, operator, watchdog)
+                except asyncio.CancelledError:
+                    await self._hold(autopilot)
+                    raise
                 except BaseExceptionGroup as group:
                     log.error("part.failed", error=str(_first(group)))
                     await self._hold(autopilot)
@@ -144,6 +153,8 @@ class Application:
                     if isinstance(first, AlightError):
                         raise first from group
                     raise
+                finally:
+                    await self._farewell(operator)
         finally:
             watchdog.close()
 
@@ -152,7 +163,7 @@ class Application:
         requests: Events[ActionRequest] = Events("requests")
         results: Events[ActionResult] = Events("results")
         commands = self.commands.subscribe_all()
-        answers: Events[CommandAnswer] = Events("answers")
+        answers = self._answers
         texts = self.texts.subscribe_all()
         queues = MissionQueues(
             vehicle=self.vehicle.subscribe(),
@@ -167,7 +178,8 @@ class Application:
             texts=self.texts,
             reports=self.reports,
         )
-        pose = run_pose(
+        pose = partial(
+            run_pose,
             detections=self.detections.subscribe(),
             vehicle=self.vehicle.subscribe_window(int(2 * config.autopilot.telemetry_rate_hz)),
             fixes=self.fixes,
@@ -186,6 +198,7 @@ class Application:
             controller=VelocityController(config.guidance, config.safety),
             autopilot=autopilot,
             safety=config.safety,
+            estimation=config.estimation,
             rate_hz=config.autopilot.setpoint_rate_hz,
             clock=parts.clock,
             alive=watchdog.alive,
@@ -198,25 +211,28 @@ class Application:
             return run_detection(frames=frames, detections=self.detections, detector=detector, compute=compute)
 
         async with asyncio.TaskGroup() as group:
+            mission = group.create_task(
+                run_mission(queues=queues, settings=settings, clock=parts.clock), name="mission"
+            )
             tasks = [
                 group.create_task(run_telemetry(autopilot=autopilot, vehicle=self.vehicle), name="telemetry"),
-                group.create_task(pose, name="pose"),
+                group.create_task(self._supervise("pose", pose), name="pose"),
                 group.create_task(control, name="control"),
                 group.create_task(run_actions(requests=requests, results=results, autopilot=autopilot), name="actions"),
                 group.create_task(
                     run_operator(link=operator, commands=self.commands, answers=answers, texts=texts), name="operator"
                 ),
-                group.create_task(run_mission(queues=queues, settings=settings, clock=parts.clock), name="mission"),
                 group.create_task(self._supervise("camera", self._camera), name="camera"),
                 group.create_task(self._supervise("detection", detection), name="detection"),
             ]
             if parts.recorder is not None:
-                record = run_recorder(recorder=parts.recorder, recorded=self._recorded())
-                tasks.append(group.create_task(record, name="recorder"))
+                record = partial(run_recorder, recorder=parts.recorder, recorded=self._recorded())
+                tasks.append(group.create_task(self._supervise("recorder", record, vital=False), name="recorder"))
             watchdog.ready()
             log.info("application.started", setpoint_rate_hz=config.autopilot.setpoint_rate_hz)
             await self._stop.wait()
             log.info("application.stopping")
+            mission.cancel()  # first, so that it asks for nothing behind the hold; its last order lapses by itself
             await self._hold(autopilot)
             for task in tasks:
                 task.cancel()
@@ -239,8 +255,9 @@ class Application:
         async with self._parts.camera() as camera:
             await run_camera(camera=camera, frames=self.frames)
 
-    async def _supervise(self, name: str, run: Callable[[], Awaitable[None]]) -> None:
-        """Run a part that may fail: start it again a bounded number of times, then let its last error end all.
+    async def _supervise(self, name: str, run: Callable[[], Awaitable[None]], *, vital: bool = True) -> None:
+        """Run a part that may fail: start it again a bounded number of times, then let its last error end all, or if it
+        isn't vital, go on without it.
 
         A part that fails before the first frame has ever been seen was never right: its error ends all at once.
         """
@@ -250,16 +267,22 @@ class Application:
                 await run()
                 return
             except Exception as error:
-                if attempt == RESTARTS_MAX or watch.newest is None:
+                if watch.newest is None or (attempt == RESTARTS_MAX and vital):
                     raise
+                if attempt == RESTARTS_MAX:
+                    log.error("part.given_up", part=name, error=str(error))
+                    self.texts.publish(OperatorText(f"{name} failed for good", Severity.ERROR))
+                    return
                 log.error("part.restarted", part=name, attempt=attempt + 1, error=str(error))
                 self.texts.publish(OperatorText(f"{name} failed, restart {attempt + 1}", Severity.ERROR))
                 await asyncio.sleep(RESTART_AFTER_S)
 
     async def _hold(self, autopilot: Autopilot) -> None:
-        """Leave the vehicle in PX4's own hold, if Alight was steering it."""
-        report = self._last_report.newest
-        if report is None or report.phase not in ACTIVE:
+        """Leave the vehicle in PX4's own hold, if Alight was steering it, or has let go and PX4 has not taken over."""
+        report, vehicle = self._last_report.newest, self._last_vehicle.newest
+        if report is None or report.phase not in ACTIVE | HANDED_OVER:
+            return
+        if report.phase in HANDED_OVER and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
             return
         try:
             async with asyncio.timeout(2 * self._parts.config.autopilot.action_timeout_s):
@@ -267,6 +290,15 @@ class Application:
             log.warning("vehicle.held", phase=report.phase.value)
         except (AutopilotError, TimeoutError) as error:
             log.error("vehicle.not_held", error=str(error))
+
+    async def _farewell(self, operator: OperatorLink) -> None:
+        """Give the phone the answers that are still owed to it."""
+        try:
+            async with asyncio.timeout(LAST_WORDS_S):
+                for answer in self._answers.drain():
+                    await operator.answer(answer)
+        except (AlightError, TimeoutError) as error:
+            log.warning("answers.lost", error=str(error))
 
 
 def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -16,6 +16,7 @@ from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
 from app.guidance.descent import Descent, sink_speed_m_s, step_descent
 from app.guidance.limits import closing_speed_m_s, limit_norm, slew
+from app.guidance.pad_memory import PadMemory
 from app.guidance.search import SearchPattern, expanding_square_m
 from app.guidance.touchdown import Contact, step_contact
 from app.messages import Goal, GoalKind, GuidanceStatus, PadTrack, Setpoint, VehicleState
@@ -25,7 +26,11 @@ HEIGHT_GAIN_1_S = 0.8
 FEED_FORWARD_TAU_S = 0.10
 """The commanded velocity is differentiated through this low-pass: vision's noise must not shake the vehicle."""
 HEIGHT_REACHED_M = 0.3
+TRIM_REACH_M = 1.0
+"""The trim learns only this near to the pad: farther off the speed limit, not a disturbance, makes the error."""
 YAW_DEADBAND_RAD = math.radians(2.0)
+GAP_MAX_S = 0.5
+"""After a silence this long PX4 may have flown on its own: the next command starts from what the vehicle does then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +61,12 @@ class VelocityController:
         self._contact = Contact()
         self._velocity: Array | None = None
         self._feed_forward = np.zeros(3)
+        self._trim_ne_m_s = np.zeros(2)
         self._yaw_rad: float | None = None
         self._last_s = 0.0
         self._hold_height_down_m = 0.0
+        self._anchor_ned_m = np.zeros(3)
+        self._pads = PadMemory()
 
     def step(
         self, goal: Goal, track: PadTrack | None, vehicle: VehicleState, now_s: float
@@ -75,15 +83,20 @@ class VelocityController:
             The setpoint to send, or None (goal NONE: say nothing), and what the mission needs to know.
         """
         if goal.kind is GoalKind.NONE:
-            self._forget()
+            self.forget()
             return None, GuidanceStatus(now_s, goal.number)
+        self._follow_frame(vehicle)
         vehicle = replace(vehicle, pos_ned_m=vehicle.pos_ned_m + (now_s - vehicle.t_capture_s) * vehicle.vel_ned_m_s)
+        if now_s - self._last_s > GAP_MAX_S:
+            self._velocity, self._yaw_rad, self._contact = None, None, Contact()
         if goal.number != self._goal_number:
             self._begin(goal, vehicle)
         dt_s = min(max(now_s - self._last_s, 1e-3), 0.2) if self._velocity is not None else 0.02
         self._last_s = now_s
+        self._start_from(vehicle)
         relative = self._relate(goal, track, vehicle, now_s)
-        wanted = self._wanted(goal, relative, vehicle)
+        self._learn_trim(goal, relative, dt_s)
+        wanted = self._wanted(goal, relative, track, vehicle, now_s)
         setpoint = self._limit(wanted, relative, vehicle, dt_s, now_s)
         if goal.kind is GoalKind.LAND and relative is not None and self._descent.committed:
             sink = float(setpoint.vel_ned_m_s[2] - relative.pad.vel_ned_m_s[2])
@@ -93,18 +106,32 @@ class VelocityController:
         return setpoint, self._status(goal, relative, vehicle, now_s)
 
     # ------------------------------------------------------------------------------------------------ memory
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """Steering has ended: nothing of it may reach into the next flight."""
         self._goal_number, self._velocity, self._yaw_rad = -1, None, None
         self._search, self._descent, self._contact = None, Descent(), Contact()
+        self._trim_ne_m_s = np.zeros(2)
+        self._pads.forget()
 
     def _begin(self, goal: Goal, vehicle: VehicleState) -> None:
         self._goal_number = goal.number
         self._descent, self._contact = Descent(), Contact()
         self._hold_height_down_m = float(vehicle.pos_ned_m[2])
+        self._anchor_ned_m = np.array(goal.anchor_ned_m, dtype=np.float64)
         self._search = None
         if goal.kind is GoalKind.SEARCH:
             corners = expanding_square_m(self._guidance.search_spacing_m, self._guidance.search_radius_m)
-            self._search = SearchPattern(goal.anchor_ned_m, corners)
+            self._search = SearchPattern(self._anchor_ned_m, corners)
+
+    def _follow_frame(self, vehicle: VehicleState) -> None:
+        """Carry over what stands in PX4's local frame when that frame jumps."""
+        jump = self._pads.see(vehicle)
+        if np.any(jump):
+            self._hold_height_down_m += float(jump[2])
+            self._anchor_ned_m += jump  # in place: the search pattern's too
+            self._yaw_rad = None
+
+    def _start_from(self, vehicle: VehicleState) -> None:
         if self._velocity is None:  # the slew starts from what the vehicle does now
             self._velocity = np.array(vehicle.vel_ned_m_s, dtype=np.float64)
             self._feed_forward = np.zeros(3)
@@ -114,35 +141,45 @@ class VelocityController:
     # ------------------------------------------------------------------------------------------- the pad, now
     def _relate(self, goal: Goal, track: PadTrack | None, vehicle: VehicleState, now_s: float) -> _Relative | None:
         """The pad relative to the vehicle; None if there is no track, or it is stale and no landing is committed."""
-        if track is None:
-            return None
         committed = goal.kind is GoalKind.LAND and self._descent.committed
-        if now_s - track.t_last_fix_s > self._safety.track_stale_s and not committed:
+        pad = self._pads.pad(track, now_s, self._safety.track_stale_s, committed=committed)
+        if pad is None:
             return None
-        pad = track.at(now_s)
         error = pad.pos_ned_m - vehicle.pos_ned_m
         moving = pad.vel_ned_m_s - vehicle.vel_ned_m_s
         return _Relative(error[:2], float(error[2]), moving[:2], float(-moving[2]), pad)
 
     # ------------------------------------------------------------------------------------------------ the law
-    def _wanted(self, goal: Goal, relative: _Relative | None, vehicle: VehicleState) -> Array:
+    def _wanted(
+        self, goal: Goal, relative: _Relative | None, track: PadTrack | None, vehicle: VehicleState, now_s: float
+    ) -> Array:
         """(3,) velocity before the slew."""
         wanted = np.zeros(3)
         if goal.kind is GoalKind.SEARCH and self._search is not None:
             wanted[:2] = self._search.velocity_ne_m_s(
                 vehicle.pos_ned_m, self._guidance.search_speed_m_s, self._guidance.acceleration_max_m_s2 / 2
             )
-            wanted[2] = self._to_height(float(goal.anchor_ned_m[2]) - goal.height_m, vehicle)
+            wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
         elif goal.kind is GoalKind.CLIMB:
-            wanted[2] = self._to_height(float(goal.anchor_ned_m[2]) - goal.height_m, vehicle)
+            wanted[:2] = self._coast(track, now_s)
+            wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
         elif goal.kind in (GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND):
-            if relative is None:  # lost: brake, hold the height; the mission decides what comes next
+            if relative is None:  # lost: hold the height; the mission decides what comes next
+                wanted[:2] = self._coast(track, now_s)
                 wanted[2] = self._to_height(self._hold_height_down_m, vehicle)
             else:
                 self._hold_height_down_m = float(vehicle.pos_ned_m[2])
                 wanted[:2] = self._follow(relative)
                 wanted[2] = float(relative.pad.vel_ned_m_s[2]) + self._sink(goal, relative)
         return wanted
+
+    def _coast(self, track: PadTrack | None, now_s: float) -> Array:
+        """(2,) the pad's last known velocity for a short while, then zero: beside a pad that drives on, standing still
+        is the surest way never to see it again. Nothing in it points at where the pad is believed to be.
+        """
+        if track is None or now_s - track.t_last_fix_s > self._guidance.coast_s:
+            return np.zeros(2)
+        return limit_norm(np.array(track.vel_ned_m_s[:2]), self._guidance.speed_max_m_s)
 
     def _to_height(self, down_m: float, vehicle: VehicleState) -> float:
         climb = self._guidance.climb_speed_m_s
@@ -161,7 +198,18 @@ class VelocityController:
             distance, config.position_gain_1_s, config.closing_speed_max_m_s, config.acceleration_max_m_s2 / 2
         )
         closing = ahead * (speed / distance) if distance > 1e-6 else np.zeros(2)
-        return limit_norm(pad_velocity + closing, config.speed_max_m_s)
+        return limit_norm(pad_velocity + closing + self._trim_ne_m_s, config.speed_max_m_s)
+
+    def _learn_trim(self, goal: Goal, relative: _Relative | None, dt_s: float) -> None:
+        """Integral action: PX4 holds the velocity that it believes in, which is off by 0.1 m/s for seconds (measured);
+        over the pad the lasting error shows by how much. Forgotten with the pad, kept through a contact.
+        """
+        config = self._guidance
+        if relative is None or goal.kind not in (GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND):
+            self._trim_ne_m_s = np.zeros(2)
+        elif not self._contact.contact and float(np.linalg.norm(relative.error_ne_m)) < TRIM_REACH_M:
+            learnt = self._trim_ne_m_s + config.trim_gain_1_s2 * dt_s * relative.error_ne_m
+            self._trim_ne_m_s = limit_norm(learnt, config.trim_max_m_s)
 
     def _sink(self, goal: Goal, relative: _Relative) -> float:
         config = self._guidance
@@ -206,7 +254,7 @@ class VelocityController:
 
     # --------------------------------------------------------------------------------------------- the report
     def _status(self, goal: Goal, relative: _Relative | None, vehicle: VehicleState, now_s: float) -> GuidanceStatus:
-        climb_to = float(goal.anchor_ned_m[2]) - goal.height_m
+        climb_to = float(self._anchor_ned_m[2]) - goal.height_m
         climbed = goal.kind is GoalKind.CLIMB and float(vehicle.pos_ned_m[2]) <= climb_to + HEIGHT_REACHED_M
         return GuidanceStatus(
             t_s=now_s,

@@ -19,13 +19,17 @@ TILT_MAX_RAD = math.radians(20.0)
 MOVING_PAD_M_S = 0.5
 HELD_MOVING_S = 0.25
 """On a moving pad: beyond the time that the contact monitor itself waits."""
+WORD_AGE_MAX_S = 0.3
+"""What the controller and the vehicle said longer ago proves nothing about now."""
 HELD_STATIC_S = 7.0
 """On a pad at rest PX4's own detector needs 5 s after contact at 0.5 m/s of sink (measured); force only after that."""
 
 
-def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: GuidanceStatus) -> bool:
-    """Whether every condition holds: committed, in contact long enough, at the pad's height, slow and level."""
+def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: GuidanceStatus, now_s: float) -> bool:
+    """Whether every condition holds now: committed, in contact long enough, at the pad's height, slow and level."""
     if track is None or not (guidance.committed and guidance.contact):
+        return False
+    if now_s - min(guidance.t_s, vehicle.t_capture_s) > WORD_AGE_MAX_S:
         return False
     if guidance.height_above_pad_m is None or guidance.relative_speed_m_s is None:
         return False

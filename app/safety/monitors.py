@@ -36,7 +36,7 @@ def judge(
     age_s = now_s - vehicle.t_capture_s
     if age_s > config.vehicle_state_stale_s:
         return Verdict(Hazard.VEHICLE_STATE_STALE, f"attitude {age_s:.1f} s old")
-    if not vehicle.local_position_ok or not np.all(np.isfinite(vehicle.pos_ned_m)):
+    if not vehicle.local_position_ok or not np.isfinite([*vehicle.pos_ned_m, *vehicle.vel_ned_m_s]).all():
         return Verdict(Hazard.POSITION_LOST, "PX4 has no local position")
     cos_tilt = float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])
     tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, cos_tilt))))

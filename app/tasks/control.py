@@ -9,9 +9,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+import numpy as np
+
 from app.channels import Latest, Topic
 from app.clock import Clock
-from app.config import SafetyConfig
+from app.config import EstimationConfig, SafetyConfig
 from app.guidance.velocity import VelocityController
 from app.messages import (
     ControlTurn,
@@ -35,6 +37,7 @@ async def run_control(
     controller: VelocityController,
     autopilot: Autopilot,
     safety: SafetyConfig,
+    estimation: EstimationConfig,
     rate_hz: float,
     clock: Clock,
     alive: Callable[[], None],
@@ -50,6 +53,7 @@ async def run_control(
         controller: Guidance.
         autopilot: Where the setpoints go.
         safety: Ages at which orders and states are too old.
+        estimation: How many fixes make a track that may be followed: one that just began anew may be an error.
         rate_hz: Turns a second.
         clock: The time.
         alive: Called at every turn: feeds the watchdog.
@@ -62,11 +66,12 @@ async def run_control(
         next_s = max(next_s + period_s, clock.now_s() - period_s)  # after a stall no burst makes up for lost turns
         await asyncio.sleep(max(0.0, next_s - clock.now_s()))
         now_s = clock.now_s()
-        setpoint, status = _decide(orders.newest, tracks.newest, vehicle.newest, controller, safety, now_s)
+        track = tracks.newest
+        known = track if track is not None and track.fixes_accepted >= estimation.fixes_before_confident else None
+        setpoint, status = _decide(orders.newest, known, vehicle.newest, controller, safety, now_s)
         if setpoint is not None:
             await autopilot.send_setpoint(setpoint)
         sent_s = clock.now_s()
-        track = tracks.newest
         latency_s = None
         if setpoint is not None and track is not None and track.t_last_fix_s != last_fix_s:
             last_fix_s = track.t_last_fix_s
@@ -87,6 +92,9 @@ def _decide(
     now_s: float,
 ) -> tuple[Setpoint | None, GuidanceStatus | None]:
     if order is None or order.goal.kind is GoalKind.NONE or vehicle is None:
+        controller.forget()
+        return None, None
+    if not np.isfinite([*vehicle.pos_ned_m, *vehicle.vel_ned_m_s, *vehicle.q_ned_from_body_wxyz]).all():
         return None, None
     if now_s - order.t_s > safety.setpoint_gap_max_s or now_s - vehicle.t_capture_s > safety.vehicle_state_stale_s:
         return None, None

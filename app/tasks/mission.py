@@ -13,6 +13,7 @@ from app.log import get_logger
 from app.messages import (
     ActionResult,
     CommandAnswer,
+    CommandResult,
     Detection,
     GoalOrder,
     GuidanceStatus,
@@ -60,26 +61,30 @@ class MissionSettings:
 
 
 async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock: Clock) -> None:
-    """Step the state machine 20 times a second until cancelled."""
+    """Step the state machine 20 times a second until cancelled; a command that is running then is answered too."""
     state = MissionState(since_s=clock.now_s())
     reason = "started"
-    while True:
-        now_s = clock.now_s()
-        transition = step(state, _inputs(state, queues, settings, now_s), now_s, settings.mission)
-        if transition.reason is not None:
-            reason = transition.texts[0].text if transition.texts else transition.reason.value
-            log.info(
-                "phase.entered",
-                phase=transition.state.phase.value,
-                before=state.phase.value,
-                reason=transition.reason.value,
-                tries=transition.state.tries,
-            )
-        state = transition.state
-        _pass_on(transition, queues, now_s)
-        command = state.command.action.name.lower() if state.command is not None else None
-        queues.reports.publish(MissionReport(now_s, state.phase, state.goal.kind, reason, state.tries, command))
-        await asyncio.sleep(PERIOD_S)
+    try:
+        while True:
+            now_s = clock.now_s()
+            transition = step(state, _inputs(state, queues, settings, now_s), now_s, settings.mission)
+            if transition.reason is not None:
+                reason = transition.texts[0].text if transition.texts else transition.reason.value
+                log.info(
+                    "phase.entered",
+                    phase=transition.state.phase.value,
+                    before=state.phase.value,
+                    reason=transition.reason.value,
+                    tries=transition.state.tries,
+                )
+            state = transition.state
+            _pass_on(transition, queues, now_s)
+            command = state.command.action.name.lower() if state.command is not None else None
+            queues.reports.publish(MissionReport(now_s, state.phase, state.goal.kind, reason, state.tries, command))
+            await asyncio.sleep(PERIOD_S)
+    finally:
+        if state.command is not None:
+            queues.answers.emit(CommandAnswer(state.command.number, CommandResult.CANCELLED))
 
 
 def _inputs(state: MissionState, queues: MissionQueues, settings: MissionSettings, now_s: float) -> MissionInputs:
@@ -91,7 +96,7 @@ def _inputs(state: MissionState, queues: MissionQueues, settings: MissionSetting
         and is_confident(track, settings.estimation)
         and now_s - track.t_last_fix_s <= settings.safety.track_stale_s
     )
-    allowed = vehicle is not None and guidance is not None and may_force_disarm(vehicle, track, guidance)
+    allowed = vehicle is not None and guidance is not None and may_force_disarm(vehicle, track, guidance, now_s)
     return MissionInputs(
         vehicle=vehicle,
         track=track,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from app.channels import Events, Topic
+from app.errors import OperatorError
 from app.log import get_logger
 from app.messages import CommandAnswer, OperatorCommand, OperatorText
 from app.ports import OperatorLink
@@ -19,7 +20,7 @@ async def run_operator(
     answers: Events[CommandAnswer],
     texts: Events[OperatorText],
 ) -> None:
-    """Run until cancelled."""
+    """Run until cancelled. A phone that can't be reached ends no flight: it is logged, and the next word is tried."""
     async with asyncio.TaskGroup() as group:
         group.create_task(_receive(link, commands))
         group.create_task(_answer(link, answers))
@@ -34,9 +35,17 @@ async def _receive(link: OperatorLink, commands: Topic[OperatorCommand]) -> None
 
 async def _answer(link: OperatorLink, answers: Events[CommandAnswer]) -> None:
     while True:
-        await link.answer(await answers.get())
+        answer = await answers.get()
+        try:
+            await link.answer(answer)
+        except OperatorError as error:
+            log.warning("answer.lost", number=answer.number, result=answer.result.name, error=error.what)
 
 
 async def _say(link: OperatorLink, texts: Events[OperatorText]) -> None:
     while True:
-        await link.say(await texts.get())
+        text = await texts.get()
+        try:
+            await link.say(text)
+        except OperatorError as error:
+            log.warning("text.lost", text=text.text, error=error.what)
