@@ -1,0 +1,91 @@
+"""The camera's timing in real time: frames are drawn in a thread of their own and given out when they are due.
+
+Drawing never delays the vehicle: an instant that comes while the last one is still being drawn is dropped, as a camera
+drops frames that nobody fetches.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from typing import Protocol
+
+from app.messages import Image
+from drivers.simulator.frame_server import FrameServer
+from drivers.simulator.wire import FrameHeader
+from drivers.simulator.world import Truth
+
+
+class Draws(Protocol):
+    """What draws a frame."""
+
+    def render(self, truth: Truth) -> Image:
+        """(height, width) uint8 of an instant."""
+        ...
+
+
+class Film:
+    """Two threads: one draws, one delivers.
+
+    Args:
+        renderer: Draws.
+        server: Takes the frames.
+        latency_s: From mid-exposure to delivery.
+        exposure_s: Told in each frame.
+
+    Attributes:
+        drawn: Frames so far.
+        dropped: Instants that were not drawn, the last one not being finished.
+        late_s: Longest time that a frame came after it was due.
+    """
+
+    def __init__(self, renderer: Draws, server: FrameServer, latency_s: float, exposure_s: float) -> None:
+        self._renderer, self._server = renderer, server
+        self._latency_s, self._exposure_s = latency_s, exposure_s
+        self._instants: queue.Queue[tuple[int, float, Truth] | None] = queue.Queue(maxsize=2)
+        self._frames: queue.Queue[tuple[FrameHeader, bytes] | None] = queue.Queue(maxsize=64)
+        self._sequence = 0
+        self.drawn = 0
+        self.dropped = 0
+        self.late_s = 0.0
+        self._threads = [
+            threading.Thread(target=self._draw, name="film-draw", daemon=True),
+            threading.Thread(target=self._deliver, name="film-deliver", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def expose(self, t_capture_s: float, truth: Truth) -> None:
+        """Take a frame of an instant; t_capture_s: its time on CLOCK_MONOTONIC."""
+        self._sequence += 1
+        try:
+            self._instants.put_nowait((self._sequence, t_capture_s, truth))
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Finish what is being drawn and end both threads."""
+        self._instants.put(None)
+        for thread in self._threads:
+            thread.join(5.0)
+
+    def _draw(self) -> None:
+        while (instant := self._instants.get()) is not None:
+            sequence, t_capture_s, truth = instant
+            image = self._renderer.render(truth)
+            self.drawn += 1
+            height, width = image.shape
+            header = FrameHeader(sequence, t_capture_s, self._exposure_s, width, height)
+            self._frames.put((header, image.tobytes()))
+        self._frames.put(None)
+
+    def _deliver(self) -> None:
+        while (frame := self._frames.get()) is not None:
+            header, pixels = frame
+            wait_s = header.t_capture_s + self._latency_s - time.monotonic()
+            if wait_s > 0.0:
+                time.sleep(wait_s)
+            else:
+                self.late_s = max(self.late_s, -wait_s)
+            self._server.publish(header.pack(), pixels)
