@@ -61,7 +61,8 @@ def _profiles(prepared: Prepared, px: Array, step: Array) -> tuple[Array, NDArra
     at32 = np.nan_to_num(at, nan=-10.0).astype(np.float32)
     height, width = image.shape
     ends = at32[:, [0, STEPS - 1]]
-    inside = np.asarray((ends >= 0) & (ends <= (width - 1, height - 1)), dtype=np.bool_).all(axis=(1, 2))
+    low, high = ends.reshape(-1, 4).min(axis=1), ends.reshape(-1, 2, 2).max(axis=1)
+    inside = (low >= 0) & (high[:, 0] <= width - 1) & (high[:, 1] <= height - 1)
     grey = cv2.remap(image, at32[..., 0], at32[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return grey.astype(np.float64), inside
 

@@ -135,8 +135,8 @@ class Judgement:
 
 def judge(patch: Patch, innermost: int, geometry: LandmarkGeometry) -> Judgement:
     """Correlate a patch with the drawing; innermost is the index of the innermost contour that was found."""
-    drawing = geometry.template(patch.sigma_cells)
-    seen = patch.seen
+    drawing = geometry.template(patch.sigma_cells).white
+    seen = patch.seen & geometry.judged
     if int(seen.sum()) < MIN_CELLS:
         return Judgement(0.0, None, 0.0, 0.0)
     whole = correlation(patch.grey[seen], drawing[seen])
@@ -169,8 +169,8 @@ def check_heading(
     best: Judgement, second: Judgement, patch: Patch, turn: int, innermost: int, geometry: LandmarkGeometry
 ) -> Rejection | None:
     """Whether the best heading stands out from another, `turn` quarter turns away, as the drawing says it should."""
-    drawing = geometry.template(patch.sigma_cells)
-    cells = patch.seen
+    drawing = geometry.template(patch.sigma_cells).white
+    cells = patch.seen & geometry.judged
     if innermost < len(geometry.landmark.contours) - 1 and best.inner is not None:
         cells = cells & geometry.inside(innermost)
     expected = 1.0 - correlation(np.rot90(drawing, turn)[cells], drawing[cells])

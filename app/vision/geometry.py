@@ -20,8 +20,51 @@ SIDE_MARGIN = 0.09
 """Part of a side at each end that is not looked at: corners are rounded by blur."""
 PATCH = 32
 """Cells along the rectified patch."""
-PATCH_EXTENT = 1.12
-"""Its side, in sides of the outermost contour: some of the quiet zone shows."""
+PATCH_EXTENT = 1.3
+"""Its side, in sides of the outermost contour: the quiet zone shows, and a little of what lies round it."""
+JUDGED_EXTENT = 1.12
+"""The middle part of it that is correlated: what lies beyond may be anything."""
+FINE = 8
+"""Points along a cell when the drawing is made."""
+
+
+class Template:
+    """The drawing on the cells of the rectified patch, blurred.
+
+    Attributes:
+        white: (PATCH, PATCH) how much of each cell is white print, 0 black to 1.
+        outside: (PATCH, PATCH) how much of it lies outside the quiet zone.
+    """
+
+    def __init__(self, drawings: Array, more_blurred: Array) -> None:
+        self.white, self.outside = drawings
+        self._more = more_blurred - drawings
+        self._slopes: Array | None = None
+
+    @property
+    def linear(self) -> Array:
+        """(cells, 4): white print, outside, more blur of the white print, one."""
+        flat = [self.white.ravel(), self.outside.ravel(), self._more[0].ravel(), np.ones(self.white.size)]
+        return np.column_stack(flat)
+
+    def slopes(self) -> Array:
+        """(2, cells, 8) derivatives of white and outside with respect to the terms of a homography (a b c; d e f; g h).
+
+        Coordinates are half sides of the patch, forward and right; the drawing is sampled at the moved place.
+        """
+        if self._slopes is None:
+            half = PATCH / 2.0
+            cell = 1.0 - (2.0 * np.arange(PATCH) + 1.0) / PATCH
+            x, y = (c.ravel() for c in np.meshgrid(cell, -cell, indexing="ij"))
+            found = []
+            for drawing in (self.white, self.outside):
+                by_row, by_column = np.gradient(drawing)
+                along, across = (-by_row * half).ravel(), (by_column * half).ravel()
+                radial = along * x + across * y
+                terms = [along * x, along * y, along, across * x, across * y, across, -radial * x, -radial * y]
+                found.append(np.column_stack(terms))
+            self._slopes = np.stack(found)
+        return self._slopes
 
 
 class LandmarkGeometry:
@@ -64,7 +107,7 @@ class LandmarkGeometry:
         cell = half * (1.0 - (2.0 * np.arange(PATCH) + 1.0) / PATCH)
         forward, right = np.meshgrid(cell, -cell, indexing="ij")
         self.patch_points: Array = np.column_stack([forward.ravel(), right.ravel()])
-        self._templates: dict[int, Array] = {}
+        self._templates: dict[int, Template] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
 
     def _gaps(self) -> Array:
@@ -81,27 +124,40 @@ class LandmarkGeometry:
         return contour.side_m * contour.shape.corners
 
     @cached_property
-    def _drawing(self) -> NDArray[np.float32]:
-        """The patch at 8 x 8 points a cell, 0 black and 1 white."""
-        fine = 8 * PATCH
-        scale = fine / (PATCH_EXTENT * self.landmark.size_m)
-        image = np.ones((fine, fine), dtype=np.float32)
+    def _drawings(self) -> NDArray[np.float32]:
+        """(2, n, n) with FINE x FINE points a cell: 1 where white is printed; 1 outside the quiet zone."""
+        n = FINE * PATCH
+        half = 0.5 * PATCH_EXTENT * self.landmark.size_m
+        at = half * (1.0 - (2.0 * np.arange(n) + 1.0) / n)
+        forward, right = np.meshgrid(at, -at, indexing="ij")
+        points = np.column_stack([forward.ravel(), right.ravel()])
+        outside = np.abs(points).max(axis=1) > 0.5 * self.landmark.quiet_zone_m
+        white = ~outside
         for contour in self.landmark.contours:
-            u = fine / 2 + contour.corners_m[:, 1] * scale - 0.5
-            v = fine / 2 - contour.corners_m[:, 0] * scale - 0.5
-            points = np.rint(np.column_stack([u, v]) * 16).astype(np.int32)
-            cv2.fillConvexPoly(image, points, 0.0 if contour.black else 1.0, lineType=cv2.LINE_8, shift=4)
-        return image
+            inside = gaps_to_points(contour.corners_m, points) > 0
+            white = np.where(inside, not contour.black, white)
+        return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
 
-    def template(self, sigma_cells: float) -> Array:
-        """(PATCH, PATCH) the drawing as seen with a blur of that many cells, 0 black to 1 white."""
+    def template(self, sigma_cells: float) -> Template:
+        """The drawing as seen with a blur of that many cells (to the nearest eighth of an octave)."""
         key = max(0, round(8.0 * math.log2(max(sigma_cells, 0.25) / 0.25)))
         if key not in self._templates:
-            sigma = 0.25 * 2.0 ** (key / 8.0)
-            blurred = cv2.GaussianBlur(self._drawing, (0, 0), sigma * 8.0, borderType=cv2.BORDER_REPLICATE)
-            cells = blurred.reshape(PATCH, 8, PATCH, 8).mean(axis=(1, 3))
-            self._templates[key] = cells.astype(np.float64)
+            self._templates[key] = Template(*(self._blurred(0.25 * 2.0 ** ((key + more) / 8.0)) for more in (0, 1)))
         return self._templates[key]
+
+    def _blurred(self, sigma_cells: float) -> Array:
+        """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
+        sigma = sigma_cells * FINE
+        blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in self._drawings]
+        cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
+        return np.asarray(cells, dtype=np.float64)
+
+    @cached_property
+    def judged(self) -> NDArray[np.bool_]:
+        """(PATCH, PATCH) cells that lie on the landmark or close to it, inside the quiet zone."""
+        half = 0.5 * min(JUDGED_EXTENT * self.landmark.size_m, self.landmark.quiet_zone_m)
+        near = np.abs(self.patch_points).max(axis=1) < half
+        return np.asarray(near, dtype=np.bool_).reshape(PATCH, PATCH)
 
     def inside(self, index: int) -> NDArray[np.bool_]:
         """(PATCH, PATCH) cells whose centre lies inside a contour."""
@@ -109,14 +165,6 @@ class LandmarkGeometry:
             depth = gaps_to_points(self.landmark.contours[index].corners_m, self.patch_points)
             self._insides[index] = (depth > 0).reshape(PATCH, PATCH)
         return self._insides[index]
-
-    @cached_property
-    def fold(self) -> int:
-        """By how many quarter turns the drawing looks different: 4, 2 or, for concentric squares alone, 1."""
-        sharp = self.template(0.25)
-        if np.abs(sharp - np.rot90(sharp)).max() < 0.02:
-            return 1
-        return 2 if np.abs(sharp - np.rot90(sharp, 2)).max() < 0.02 else 4
 
 
 def gaps_to_points(corners: Array, points: Array) -> Array:
