@@ -89,6 +89,9 @@ class CameraConfig(Section):
     source: str = Field(default="", description="opencv: device number, file or URL; synthetic: set by the program")
     frame_rate_hz: float = Field(default=30.0, ge=1.0, le=240.0)
     exposure_max_ms: float = Field(default=8.0, gt=0.0, le=100.0, description="picamera2: longest exposure")
+    readout_ms: float = Field(
+        default=0.0, ge=0.0, le=100.0, description="picamera2: rolling shutter, first row to last; 0 for a global one"
+    )
     mount_yaw_deg: float = Field(default=0.0, ge=-180, le=180, description="0: image top is forward; 90: right")
     mount_pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks forward of down")
     mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks left of down")

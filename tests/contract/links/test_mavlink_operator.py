@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
 from typing import Any
 
 import pytest
@@ -26,7 +27,8 @@ async def link(port: int) -> AsyncIterator[OperatorLink]:
 
 async def next_command(link: OperatorLink, timeout_s: float = 5.0) -> OperatorCommand:
     async with asyncio.timeout(timeout_s):
-        return await anext(aiter(link.commands()))
+        async with aclosing(link.commands()) as commands:
+            return await anext(commands)
 
 
 async def wait(call: Callable[..., Any], *args: Any, **named: Any) -> Any:

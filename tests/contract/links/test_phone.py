@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
 from typing import Any
 
 import pytest
 
 from app.config import OperatorConfig
 from app.errors import OperatorError
-from app.messages import CommandAnswer, CommandResult, OperatorAction, OperatorText, Severity
+from app.messages import CommandAnswer, CommandResult, OperatorAction, OperatorCommand, OperatorText, Severity
 from drivers.operator.mavlink import MavlinkOperator
 from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, send_command
 
@@ -22,12 +23,17 @@ async def link(port: int) -> AsyncIterator[MavlinkOperator]:
         yield link
 
 
+async def next_command(link: MavlinkOperator) -> OperatorCommand:
+    async with aclosing(link.commands()) as commands:
+        return await anext(commands)
+
+
 async def test_phone_order_carried_out_tells_progress_lines_and_result(link: MavlinkOperator, port: int) -> None:
     def order() -> list[PhoneEvent]:
         return list(send_command(f"udpin://127.0.0.1:{port}", OperatorAction.TRACK, 2.5, linger_s=0.1))
 
     phone = asyncio.create_task(asyncio.to_thread(order))
-    command = await anext(aiter(link.commands()))
+    command = await next_command(link)
     assert (command.action, command.height_m) == (OperatorAction.TRACK, 2.5)
     await link.say(OperatorText("Searching", Severity.NOTICE))
     await link.answer(CommandAnswer(command.number, CommandResult.IN_PROGRESS, 30))
@@ -44,7 +50,7 @@ async def test_phone_order_without_height_leaves_it_to_the_configuration(link: M
         return list(send_command(f"udpout://127.0.0.1:{port}", OperatorAction.LAND, linger_s=0.0))
 
     phone = asyncio.create_task(asyncio.to_thread(order))
-    command = await anext(aiter(link.commands()))
+    command = await next_command(link)
     await link.answer(CommandAnswer(command.number, CommandResult.TEMPORARILY_REJECTED))
     assert command.height_m is None
     assert (await phone)[-1] == PhoneResult(CommandResult.TEMPORARILY_REJECTED)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,10 @@ async def link(autopilot: Any, port: int) -> AsyncIterator[Autopilot]:
 
 async def state_where(link: Autopilot, accept: Callable[[VehicleState], bool], timeout_s: float = 8.0) -> VehicleState:
     async with asyncio.timeout(timeout_s):
-        async for state in link.states():
-            if accept(state):
-                return state
+        async with aclosing(link.states()) as states:
+            async for state in states:
+                if accept(state):
+                    return state
     raise AssertionError("the states ended")
 
 
@@ -215,4 +217,5 @@ async def test_autopilot_closed_refuses_to_act(autopilot: Any, port: int) -> Non
     with pytest.raises(AutopilotError, match="closed"):
         await link.send_setpoint(setpoint())
     with pytest.raises(AutopilotError, match="closed"):
-        await anext(aiter(link.states()))
+        async with aclosing(link.states()) as states:
+            await anext(states)

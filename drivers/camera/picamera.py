@@ -1,0 +1,191 @@
+"""The Raspberry Pi's camera through picamera2: the Camera port. Grey images with the sensor's own times.
+
+picamera2 and libcamera come from apt, not from PyPI, so they are imported when the camera is opened.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import time
+from collections.abc import AsyncIterator, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from app.config import CameraConfig
+from app.errors import CameraError
+from app.log import get_logger
+from app.messages import Frame
+from drivers.camera.newest import NewestFrame
+
+BUFFERS = 4
+FIRST_FRAME_S = 5.0
+NEXT_FRAME_S = 1.0
+EXPOSURE_MIN_US = 100
+GAIN_MAX = 8.0
+
+_log = get_logger("camera")
+
+
+def mid_exposure_s(
+    sensor_ns: int, exposure_us: float, readout_s: float, monotonic_s: float, boottime_s: float
+) -> float:
+    """When the middle row of a frame was in the middle of its exposure, on CLOCK_MONOTONIC.
+
+    SensorTimestamp is when the first row arrives: the end of its exposure (picamera2 issue 821). The middle row ends
+    its own half a readout later. libcamera's documents call the clock CLOCK_BOOTTIME, its Raspberry Pi pipeline takes
+    CLOCK_MONOTONIC (libcamera bug 254); the two part only where the machine was suspended, and a frame is then too
+    young for one of them.
+
+    Args:
+        sensor_ns: SensorTimestamp.
+        exposure_us: ExposureTime.
+        readout_s: First row to last.
+        monotonic_s: CLOCK_MONOTONIC now.
+        boottime_s: CLOCK_BOOTTIME now.
+    """
+    arrival_s = sensor_ns / 1e9
+    if arrival_s > monotonic_s:
+        arrival_s -= boottime_s - monotonic_s
+    return arrival_s - 0.5e-6 * exposure_us + 0.5 * readout_s
+
+
+def cap_exposure(tuning: dict[str, Any], agc: dict[str, Any], exposure_max_us: int) -> dict[str, Any]:
+    """A camera tuning whose automatic exposure goes no longer than a limit and raises the gain instead.
+
+    Args:
+        tuning: As picamera2 loads it; returned.
+        agc: Its "rpi.agc" part, which is changed.
+        exposure_max_us: The limit.
+    """
+    profile = {"shutter": [EXPOSURE_MIN_US, exposure_max_us], "gain": [1.0, GAIN_MAX]}
+    for channel in agc.get("channels", [agc]):
+        channel["exposure_modes"] = {**channel.get("exposure_modes", {}), "normal": profile}
+    return tuning
+
+
+class PiCamera:
+    """The first camera on the Pi's connector.
+
+    Args:
+        config: Frame rate, longest exposure and readout time.
+        size_px: (width, height) of the images, as in the lens file.
+    """
+
+    def __init__(self, config: CameraConfig, size_px: tuple[int, int]) -> None:
+        self._config = config
+        self._size_px = size_px
+        self._camera: Any = None
+        self._reader: NewestFrame | None = None
+        self._sequence = 0
+
+    async def __aenter__(self) -> Self:
+        """Open and start the camera.
+
+        Raises:
+            CameraError: picamera2 is missing, there is no camera, or it doesn't open.
+        """
+        self._camera = await asyncio.to_thread(self._open)
+        self._sequence = 0
+        self._reader = NewestFrame(self._grab, self._release)
+        self._reader.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop and release the camera."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            await reader.stop()
+
+    def frames(self) -> AsyncIterator[Frame]:
+        """Frames as they come: (height, width) grey.
+
+        Raises:
+            CameraError: The camera is closed or stopped giving frames.
+        """
+        if self._reader is None:
+            raise CameraError("the Pi camera is closed", "open it first")
+        return self._reader.frames()
+
+    def _open(self) -> Any:
+        try:
+            kind: Any = importlib.import_module("picamera2").Picamera2
+        except ImportError as fault:
+            raise CameraError(
+                f"picamera2 can't be imported ({fault})",
+                "apt install python3-picamera2, and make the venv with --system-site-packages",
+            ) from None
+        cameras = kind.global_camera_info()
+        if not cameras:
+            raise CameraError(
+                "no camera on the Pi's connector", "check the ribbon cable, and camera_auto_detect in config.txt"
+            )
+        try:
+            camera = kind(tuning=self._tuning(kind, str(cameras[0].get("Model", ""))))
+        except (RuntimeError, OSError) as fault:
+            raise CameraError(f"the Pi camera does not open ({fault})", "see that no other program uses it") from None
+        try:
+            period_us = round(1e6 / self._config.frame_rate_hz)
+            camera.configure(
+                camera.create_video_configuration(
+                    main={"size": self._size_px, "format": "YUV420"},
+                    controls={"FrameDurationLimits": (period_us, period_us), "AeEnable": True},
+                    buffer_count=BUFFERS,
+                )
+            )
+            camera.start()
+        except (RuntimeError, OSError, ValueError) as fault:
+            camera.close()
+            width, height = self._size_px
+            raise CameraError(
+                f"the Pi camera does not start at {width}x{height}, {self._config.frame_rate_hz:g} Hz ({fault})",
+                "give a size and a rate that it has",
+            ) from None
+        return camera
+
+    def _tuning(self, kind: Any, model: str) -> dict[str, Any] | None:
+        """The sensor's own tuning with the exposure capped, or None where the system has no file for it."""
+        try:
+            tuning = kind.load_tuning_file(f"{model}.json")
+            agc = kind.find_tuning_algo(tuning, "rpi.agc")
+        except (RuntimeError, KeyError, StopIteration):
+            _log.warning("exposure.not_capped", model=model, exposure_max_ms=self._config.exposure_max_ms)
+            return None
+        return cap_exposure(tuning, agc, round(self._config.exposure_max_ms * 1000.0))
+
+    # --------------------------------------------------------------------------------------------- the camera's thread
+    def _grab(self) -> Frame | None:
+        limit_s = NEXT_FRAME_S if self._sequence else FIRST_FRAME_S
+        try:
+            request = self._camera.capture_request(wait=limit_s)
+        except TimeoutError:
+            raise CameraError(
+                f"the Pi camera gave no frame for {limit_s:g} s", "check the ribbon cable, and restart"
+            ) from None
+        try:
+            metadata: Mapping[str, Any] = request.get_metadata()
+            planes = request.make_array("main")
+        finally:
+            request.release()
+        width, height = self._size_px
+        # YUV420: the first `height` rows are Y; a row may be longer than the image is wide.
+        grey = np.ascontiguousarray(planes[:height, :width])
+        exposure_us = float(metadata.get("ExposureTime", 0.0))
+        t_capture_s = mid_exposure_s(
+            int(metadata["SensorTimestamp"]),
+            exposure_us,
+            self._config.readout_ms / 1000.0,
+            time.monotonic(),
+            time.clock_gettime(time.CLOCK_BOOTTIME),
+        )
+        self._sequence += 1
+        return Frame(t_capture_s, self._sequence - 1, grey, exposure_s=exposure_us / 1e6)
+
+    def _release(self) -> None:
+        camera, self._camera = self._camera, None
+        camera.stop()
+        camera.close()
