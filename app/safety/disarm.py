@@ -35,7 +35,7 @@ def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: Gu
         return False
     if not HEIGHT_MIN_M <= guidance.height_above_pad_m <= HEIGHT_MAX_M:
         return False
-    if guidance.relative_speed_m_s > RELATIVE_SPEED_MAX_M_S:
+    if not guidance.relative_speed_m_s <= RELATIVE_SPEED_MAX_M_S:  # so put, NaN forbids
         return False
     cos_tilt = float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])
     if math.acos(max(-1.0, min(1.0, cos_tilt))) > TILT_MAX_RAD:
