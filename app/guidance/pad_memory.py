@@ -44,7 +44,7 @@ class PadMemory:
         """The pad at `now_s`: by the newest track if its last fix is at most `stale_s` old, or by the last one that was
         if a landing is committed; else None.
         """
-        if track is not None and now_s - track.t_last_fix_s <= stale_s and _finite(track):
+        if track is not None and now_s - track.t_last_fix_s <= stale_s:
             if track.t_last_fix_s < self._jumped_s:
                 track = replace(track, pos_ned_m=track.pos_ned_m + self._jump_ned_m)
             self._last = track
@@ -52,5 +52,6 @@ class PadMemory:
         return self._last.at(now_s) if committed and self._last is not None else None
 
 
-def _finite(track: PadTrack) -> bool:
+def is_finite(track: PadTrack) -> bool:
+    """Whether every figure that guidance takes from a track is a number."""
     return bool(np.isfinite([*track.pos_ned_m, *track.vel_ned_m_s, track.yaw_ned_rad, track.yaw_rate_rad_s]).all())

@@ -16,7 +16,7 @@ from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
 from app.guidance.descent import Descent, sink_speed_m_s, step_descent
 from app.guidance.limits import closing_speed_m_s, limit_norm, slew
-from app.guidance.pad_memory import PadMemory
+from app.guidance.pad_memory import PadMemory, is_finite
 from app.guidance.search import SearchPattern, expanding_square_m
 from app.guidance.touchdown import Contact, step_contact
 from app.messages import Goal, GoalKind, GuidanceStatus, PadTrack, Setpoint, VehicleState
@@ -85,6 +85,7 @@ class VelocityController:
         if goal.kind is GoalKind.NONE:
             self.forget()
             return None, GuidanceStatus(now_s, goal.number)
+        track = track if track is not None and is_finite(track) else None
         self._follow_frame(vehicle)
         vehicle = replace(vehicle, pos_ned_m=vehicle.pos_ned_m + (now_s - vehicle.t_capture_s) * vehicle.vel_ned_m_s)
         if now_s - self._last_s > GAP_MAX_S:

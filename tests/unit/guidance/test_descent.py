@@ -1,0 +1,92 @@
+"""The cone, its hysteresis, the commit and the sink speed, by numbers worked by hand from the paper's cone."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.config import GuidanceConfig
+from app.guidance.descent import Descent, cone_radius_m, sink_speed_m_s, step_descent
+
+CONFIG = GuidanceConfig(
+    cone_height_m=3.0,
+    cone_radius_m=3.0,
+    touchdown_radius_m=0.1,
+    commit_height_m=0.5,
+    commit_speed_m_s=0.4,
+    descend_speed_m_s=0.8,
+    touchdown_speed_m_s=0.6,
+)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "radius_m"),
+    [
+        (10.0, 3.0),  # above it, as wide as at its top
+        (3.0, 3.0),  # the paper: 3 m high, 6 m across
+        (1.75, 1.55),  # half way between 0.5 and 3 m: between 0.1 and 3 m
+        (1.0, 0.68),  # a fifth of the way: 0.1 + 0.2 * 2.9
+        (0.5, 0.1),
+        (0.0, 0.1),
+        (-1.0, 0.1),
+    ],
+)
+def test_cone_radius_by_hand(height_m, radius_m):
+    assert cone_radius_m(height_m, CONFIG) == pytest.approx(radius_m)
+
+
+@pytest.mark.parametrize(
+    ("error_m", "from_outside", "from_inside"), [(1.2, True, True), (1.4, False, True), (1.6, False, False)]
+)
+def test_cone_is_entered_at_four_fifths_and_left_at_the_whole(error_m, from_outside, from_inside):
+    assert step_descent(Descent(False), error_m, 1.75, 0.0, CONFIG).in_cone is from_outside
+    assert step_descent(Descent(True), error_m, 1.75, 0.0, CONFIG).in_cone is from_inside
+
+
+@pytest.mark.parametrize(
+    ("error_m", "height_m", "speed_m_s", "committed"),
+    [
+        (0.05, 0.49, 0.1, True),
+        (0.05, 0.51, 0.1, False),
+        (0.11, 0.49, 0.1, False),
+        (0.05, 0.49, 0.41, False),
+        (0.05, -3.0, 0.1, True),
+    ],
+)
+def test_commit_needs_height_place_and_speed_at_once(error_m, height_m, speed_m_s, committed):
+    assert step_descent(Descent(True), error_m, height_m, speed_m_s, CONFIG).committed is committed
+
+
+def test_commit_outlasts_everything():
+    held = Descent(in_cone=True, committed=True)
+    assert step_descent(held, 99.0, 99.0, 99.0, CONFIG) == held
+    assert sink_speed_m_s(held, 0.05, CONFIG) == sink_speed_m_s(held, 9.0, CONFIG) == 0.6
+
+
+@pytest.mark.parametrize("height_m", [0.2, 0.5, 1.0, 3.0, 50.0])
+def test_sink_outside_the_cone_is_nothing(height_m):
+    assert sink_speed_m_s(Descent(in_cone=False), height_m, CONFIG) == 0.0
+
+
+def test_sink_high_in_the_cone_is_the_descent_speed():
+    assert sink_speed_m_s(Descent(in_cone=True), 3.0, CONFIG) == 0.8
+
+
+@pytest.mark.parametrize("height_m", [0.45, 0.3, 0.0])
+def test_sink_below_the_commit_height_without_a_commit_climbs_back(height_m):
+    assert -0.5 <= sink_speed_m_s(Descent(in_cone=True), height_m, CONFIG) < 0.0
+
+
+@given(st.floats(0.5, 20.0), st.floats(0.5, 20.0))
+def test_sink_in_the_cone_falls_towards_the_commit_height(a, b):
+    low, high = sorted((a, b))
+    inside = Descent(in_cone=True)
+    slow, fast = sink_speed_m_s(inside, low, CONFIG), sink_speed_m_s(inside, high, CONFIG)
+    assert slow <= fast <= 0.8
+
+
+@given(st.floats(0.0, 20.0), st.floats(0.0, 20.0))
+def test_cone_never_widens_downward(a, b):
+    low, high = sorted((a, b))
+    assert cone_radius_m(low, CONFIG) <= cone_radius_m(high, CONFIG) <= 3.0

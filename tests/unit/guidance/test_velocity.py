@@ -1,0 +1,350 @@
+"""The velocity controller, turn by turn: limits, stale tracks, memory, the frame's jumps, yaw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.config import GuidanceConfig, SafetyConfig
+from app.guidance.velocity import VelocityController
+from app.messages import Goal, GoalKind, GuidanceStatus, PadTrack, Setpoint, VehicleState
+
+CONFIG = GuidanceConfig(
+    acceleration_max_m_s2=3.0,
+    speed_max_m_s=8.0,
+    closing_speed_max_m_s=3.0,
+    touchdown_speed_m_s=0.6,
+    climb_speed_m_s=1.0,
+    yaw_rate_max_deg_s=45.0,
+    coast_s=4.0,
+)
+SAFETY = SafetyConfig(track_stale_s=0.5)
+DT_S = 0.02
+FOLLOWING = [GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND]
+
+
+def heading(yaw_deg: float) -> np.ndarray:
+    half = math.radians(yaw_deg) / 2
+    return np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+
+
+def vehicle(
+    now_s: float, pos=(0.0, 0.0, -2.5), vel=(0.0, 0.0, 0.0), yaw_deg: float = 0.0, **changes: Any
+) -> VehicleState:
+    return VehicleState(now_s, np.array(pos), np.array(vel), heading(yaw_deg), armed=True, **changes)
+
+
+def pad(now_s: float, pos=(0.0, 0.0, 0.0), vel=(0.0, 0.0, 0.0), yaw_deg: float = 0.0) -> PadTrack:
+    yaw_rad = math.radians(yaw_deg)
+    return PadTrack(now_s, np.array(pos), np.array(vel), np.eye(6) * 1e-4, yaw_rad, 0.0, now_s, fixes_accepted=99)
+
+
+def controller(**changes: Any) -> VelocityController:
+    return VelocityController(CONFIG.model_copy(update=changes), SAFETY)
+
+
+def run(
+    steering: VelocityController, goal: Goal, track: Any, state: Any, *, seconds: float, from_s: float = 100.0
+) -> list[tuple[Setpoint, GuidanceStatus]]:
+    """Turns at 50 Hz; `track` and `state` are functions of time, or stand still."""
+    turns = []
+    for k in range(round(seconds / DT_S)):
+        now_s = from_s + k * DT_S
+        seen = track(now_s) if callable(track) else track
+        setpoint, status = steering.step(goal, seen, state(now_s) if callable(state) else state, now_s)
+        assert setpoint is not None
+        turns.append((setpoint, status))
+    return turns
+
+
+# ---------------------------------------------------------------------------------------------------------- the basics
+def test_goal_none_says_nothing():
+    assert controller().step(Goal(), pad(100.0), vehicle(100.0), 100.0)[0] is None
+
+
+def test_goal_stay_slows_a_moving_vehicle_to_a_stop_at_the_acceleration_limit():
+    turns = run(
+        controller(), Goal(GoalKind.STAY, number=1), None, lambda t: vehicle(t, vel=(3.0, 0.0, 0.0)), seconds=1.2
+    )
+    speeds = np.array([setpoint.vel_ned_m_s[0] for setpoint, _ in turns])
+    np.testing.assert_allclose(speeds[:50], 3.0 - 3.0 * DT_S * np.arange(1, 51), atol=1e-9)
+    assert speeds[-1] == 0.0
+
+
+def test_hover_beside_the_pad_flies_towards_it_and_holds_the_height():
+    turns = run(
+        controller(),
+        Goal(GoalKind.HOVER, 2.5, number=1),
+        pad(100.0, (1.0, -1.0, 0.0)),
+        lambda t: vehicle(t),
+        seconds=0.4,
+    )
+    velocity = turns[-1][0].vel_ned_m_s
+    assert (
+        velocity[0] > 0.3 and velocity[1] == pytest.approx(-velocity[0]) and velocity[2] == pytest.approx(0.0, abs=1e-9)
+    )
+
+
+@pytest.mark.parametrize(("down_m", "sign"), [(-1.5, -1.0), (-3.5, 1.0)])
+def test_hover_below_its_height_climbs_and_above_it_sinks(down_m, sign):
+    goal = Goal(GoalKind.HOVER, 2.5, number=1)
+    turns = run(controller(), goal, pad(100.0), lambda t: vehicle(t, (0.0, 0.0, down_m)), seconds=0.4)
+    assert sign * turns[-1][0].vel_ned_m_s[2] > 0.2
+
+
+@pytest.mark.parametrize(("down_m", "climbed"), [(-2.0, False), (-4.0, True)])
+def test_climb_rises_over_the_anchor_and_says_when_it_has(down_m, climbed):
+    goal = Goal(GoalKind.CLIMB, 4.0, np.zeros(3), number=1)
+    setpoint, status = run(controller(), goal, None, lambda t: vehicle(t, (0.0, 0.0, down_m)), seconds=0.6)[-1]
+    assert status.climbed is climbed
+    assert setpoint.vel_ned_m_s[2] == pytest.approx(0.0 if climbed else -1.0)
+
+
+def test_status_tells_distance_height_and_relative_speed():
+    goal = Goal(GoalKind.TRACK, 2.5, number=4)
+    seen = vehicle(100.0, (1.0, 2.0, -3.0), (1.0, 0.0, 0.0))
+    _, status = controller().step(goal, pad(100.0, (4.0, 6.0, -1.0), (1.0, 2.0, 0.0)), seen, 100.0)
+    assert (status.goal_number, status.horizontal_error_m, status.height_above_pad_m) == (4, 5.0, 2.0)
+    assert status.relative_speed_m_s == pytest.approx(2.0)
+
+
+def test_pad_and_vehicle_are_compared_at_the_same_instant():
+    """Track 0.1 s old, vehicle state 0.05 s old, both at 4 m/s: 0.4 m and 0.2 m on."""
+    seen = vehicle(99.95, (0.0, 0.0, -3.0), (4.0, 0.0, 0.0))
+    _, status = controller().step(
+        Goal(GoalKind.TRACK, 3.0, number=1), pad(99.9, (0.0, 0.0, 0.0), (4.0, 0.0, 0.0)), seen, 100.0
+    )
+    assert status.horizontal_error_m == pytest.approx(0.2)
+
+
+# --------------------------------------------------------------------------------------------------------- stale track
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_track_that_is_stale_yields_no_velocity_towards_the_pad(kind):
+    turns = run(controller(), Goal(kind, 2.5, number=1), pad(99.4, (5.0, 5.0, 0.0)), lambda t: vehicle(t), seconds=2.0)
+    fastest = max(float(np.linalg.norm(setpoint.vel_ned_m_s)) for setpoint, _ in turns)
+    assert fastest == 0.0
+    assert turns[0][1].horizontal_error_m is None and turns[0][1].height_above_pad_m is None
+
+
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_track_that_becomes_stale_brings_the_vehicle_to_a_stop(kind):
+    turns = run(controller(), Goal(kind, 2.5, number=1), pad(100.0, (9.0, 0.0, 0.0)), lambda t: vehicle(t), seconds=2.0)
+    speed = np.array([setpoint.vel_ned_m_s[0] for setpoint, _ in turns])
+    assert speed[24] > 1.0
+    lost = round(0.5 / DT_S) + 1
+    assert np.all(np.diff(speed[lost:]) <= 0.0) and speed[-1] == 0.0
+
+
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_track_of_a_driving_pad_that_is_lost_is_coasted_with_never_chased(kind):
+    """The pad is 3 m off to the side of its way: sideways nothing is flown, lengthways its speed, for 4 s."""
+    lost = pad(99.4, (0.0, 3.0, 0.0), (3.0, 0.0, 0.0))
+    turns = run(controller(), Goal(kind, 2.5, number=1), lost, lambda t: vehicle(t, vel=(3.0, 0.0, 0.0)), seconds=6.0)
+    sideways = [abs(float(setpoint.vel_ned_m_s[1])) for setpoint, _ in turns]
+    lengthways = [float(setpoint.vel_ned_m_s[0]) for setpoint, _ in turns]
+    assert max(sideways) == 0.0
+    assert max(lengthways) == 3.0 and lengthways[round(3.2 / DT_S)] == 3.0 and lengthways[-1] == 0.0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"pos_ned_m": np.array([np.nan, 0, 0])}, {"vel_ned_m_s": np.array([0, np.inf, 0])}, {"yaw_ned_rad": math.nan}],
+)
+def test_track_that_is_not_finite_is_no_track(bad):
+    setpoint, status = controller().step(
+        Goal(GoalKind.TRACK, 2.5, number=1), replace(pad(100.0), **bad), vehicle(100.0), 100.0
+    )
+    assert (
+        setpoint is not None
+        and np.isfinite([*setpoint.vel_ned_m_s, *setpoint.acc_ned_m_s2, setpoint.yaw_ned_rad]).all()
+    )
+    assert status.horizontal_error_m is None
+
+
+# ------------------------------------------------------------------------------------------------------------- landing
+def committed(now_s: float = 100.0) -> tuple[VelocityController, Goal]:
+    steering, goal = controller(), Goal(GoalKind.LAND, number=1)
+    status = steering.step(goal, pad(now_s), vehicle(now_s, (0.0, 0.0, -0.3)), now_s)[1]
+    assert status.committed
+    return steering, goal
+
+
+def test_landing_that_is_committed_sinks_on_without_the_pad():
+    steering, goal = committed()
+    turns = run(steering, goal, pad(100.0), lambda t: vehicle(t, (0.0, 0.0, -0.2)), seconds=3.0, from_s=100.02)
+    assert turns[-1][0].vel_ned_m_s[2] == pytest.approx(0.6)
+    assert all(status.committed for _, status in turns)
+
+
+def test_landing_that_is_committed_goes_on_with_the_last_track_when_the_new_one_is_unusable():
+    steering, goal = committed()
+    turns = run(steering, goal, None, lambda t: vehicle(t, (0.0, 0.0, -0.2)), seconds=1.0, from_s=100.02)
+    assert turns[-1][1].height_above_pad_m == pytest.approx(0.2)
+
+
+def test_landing_on_something_solid_is_contact_and_follows_no_error_any_more():
+    steering, goal = committed()
+    beside = lambda t: vehicle(t, (0.3, 0.0, -0.1))  # noqa: E731
+    turns = run(steering, goal, lambda t: pad(t), beside, seconds=3.0, from_s=100.02)
+    setpoint, status = turns[-1]
+    assert status.contact and status.contact_held_s > 1.0
+    np.testing.assert_allclose(setpoint.vel_ned_m_s[:2], 0.0, atol=1e-9)
+
+
+def test_landing_begun_anew_is_not_committed():
+    steering, goal = committed()
+    high = vehicle(100.02, (0.0, 0.0, -2.0))
+    assert not steering.step(replace(goal, number=2), pad(100.02), high, 100.02)[1].committed
+
+
+# ------------------------------------------------------------------------------------------------ memory and its end
+def test_next_flight_starts_from_what_the_vehicle_does_then():
+    steering = controller()
+    run(
+        steering,
+        Goal(GoalKind.TRACK, 2.5, number=1),
+        lambda t: pad(t, (9.0, 0.0, 0.0)),
+        lambda t: vehicle(t),
+        seconds=2.0,
+    )
+    steering.forget()
+    setpoint, _ = steering.step(Goal(GoalKind.STAY, number=2), None, vehicle(102.02, yaw_deg=90.0), 102.02)
+    np.testing.assert_array_equal(setpoint.vel_ned_m_s, 0.0)
+    assert setpoint.yaw_ned_rad == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(("silence_s", "expected_m_s"), [(0.1, 1.5 + 0.3), (1.0, 0.06)])
+def test_silence_that_outlasts_px4s_patience_starts_from_the_vehicle(silence_s, expected_m_s):
+    """3 m/s2 give 1.5 m/s after half a second. A silence of 0.1 s adds 0.3 m/s; one of a second begins from rest."""
+    steering, goal = controller(), Goal(GoalKind.TRACK, 2.5, number=1)
+    far = lambda t: pad(t, (30.0, 0.0, 0.0))  # noqa: E731
+    before = run(steering, goal, far, lambda t: vehicle(t), seconds=0.5)[-1][0].vel_ned_m_s[0]
+    assert before == pytest.approx(1.5)
+    now_s = 100.48 + silence_s
+    after = steering.step(goal, far(now_s), vehicle(now_s), now_s)[0].vel_ned_m_s[0]
+    assert after == pytest.approx(expected_m_s)
+
+
+def test_silence_on_the_pad_is_not_counted_as_standing_on_it():
+    steering, goal = committed()
+    rests = lambda t: vehicle(t, (0.0, 0.0, -0.1))  # noqa: E731
+    assert run(steering, goal, lambda t: pad(t), rests, seconds=1.5, from_s=100.02)[-1][1].contact
+    assert not steering.step(goal, pad(109.0), rests(109.0), 109.0)[1].contact
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_setpoint_is_continuous_over_a_change_of_goal(number):
+    steering = controller()
+    before = run(
+        steering,
+        Goal(GoalKind.TRACK, 2.5, number=1),
+        lambda t: pad(t, (9.0, 0.0, 0.0)),
+        lambda t: vehicle(t),
+        seconds=1.0,
+    )
+    after, _ = steering.step(Goal(GoalKind.STAY, number=number), None, vehicle(101.0), 101.0)
+    step = np.linalg.norm(after.vel_ned_m_s - before[-1][0].vel_ned_m_s)
+    assert step <= 3.0 * DT_S * math.sqrt(2.0) + 1e-9
+
+
+# ------------------------------------------------------------------------------------------ jumps of PX4's local frame
+def test_jump_of_the_frame_moves_the_pad_of_a_committed_landing_along():
+    """PX4 finds itself 2 m north and 1 m down of where it thought: the pad is where it was, under the vehicle."""
+    steering, goal = committed()
+    steering.step(goal, pad(100.02), vehicle(100.02, (0.0, 0.0, -0.3)), 100.02)
+    jumped = vehicle(100.04, (2.0, 0.0, 0.7), frame_resets=1)
+    setpoint, status = steering.step(goal, pad(100.02), jumped, 100.04)
+    assert (status.horizontal_error_m, status.height_above_pad_m) == (pytest.approx(0.0), pytest.approx(0.3))
+    np.testing.assert_allclose(setpoint.vel_ned_m_s[:2], 0.0, atol=1e-9)
+
+
+def test_jump_of_the_frame_does_not_move_a_track_from_after_it():
+    steering, goal = controller(), Goal(GoalKind.HOVER, 2.5, number=1)
+    steering.step(goal, pad(100.0), vehicle(100.0), 100.0)
+    steering.step(goal, pad(100.0), vehicle(100.02, (2.0, 0.0, -2.5), frame_resets=1), 100.02)
+    later = vehicle(100.06, (2.0, 0.0, -2.5), frame_resets=1)
+    _, status = steering.step(goal, pad(100.04, (2.5, 0.0, 0.0)), later, 100.06)
+    assert status.horizontal_error_m == pytest.approx(0.5)
+
+
+def test_jump_of_the_frame_moves_the_height_of_the_search_along():
+    steering, goal = controller(), Goal(GoalKind.SEARCH, 4.0, np.zeros(3), number=1)
+    run(steering, goal, None, lambda t: vehicle(t, (0.0, 0.0, -4.0)), seconds=0.2)
+    jumped = lambda t: vehicle(t, (0.0, 0.0, -9.0), frame_resets=1)  # noqa: E731
+    turns = run(steering, goal, None, jumped, seconds=1.0, from_s=100.2)
+    assert max(abs(float(setpoint.vel_ned_m_s[2])) for setpoint, _ in turns) < 1e-9
+
+
+# ----------------------------------------------------------------------------------------------------------------- yaw
+@pytest.mark.parametrize(
+    ("vehicle_deg", "pad_deg", "after_1_s_deg"),
+    [(0.0, 90.0, 45.0), (0.0, -90.0, -45.0), (170.0, -170.0, -172.0), (-170.0, 170.0, 172.0), (10.0, 11.0, 10.0)],
+)
+def test_yaw_turns_the_short_way_at_its_rate_and_stops_within_two_degrees(vehicle_deg, pad_deg, after_1_s_deg):
+    goal = Goal(GoalKind.HOVER, 2.5, number=1)
+    turns = run(
+        controller(), goal, lambda t: pad(t, yaw_deg=pad_deg), lambda t: vehicle(t, yaw_deg=vehicle_deg), seconds=1.0
+    )
+    off = math.remainder(turns[-1][0].yaw_ned_rad - math.radians(after_1_s_deg), math.tau)
+    assert abs(off) <= math.radians(1.0)
+    assert all(-math.pi <= setpoint.yaw_ned_rad <= math.pi for setpoint, _ in turns)
+
+
+def test_yaw_that_is_not_to_be_aligned_stays():
+    goal = Goal(GoalKind.HOVER, 2.5, number=1)
+    turns = run(
+        controller(align_yaw=False),
+        goal,
+        lambda t: pad(t, yaw_deg=90.0),
+        lambda t: vehicle(t, yaw_deg=30.0),
+        seconds=1.0,
+    )
+    assert turns[-1][0].yaw_ned_rad == pytest.approx(math.radians(30.0))
+
+
+# -------------------------------------------------------------------------------------------------------------- limits
+REACH = st.floats(-60.0, 60.0)
+SPEED = st.floats(-12.0, 12.0)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    script=st.lists(
+        st.tuples(
+            st.sampled_from(list(GoalKind)[1:]),
+            st.tuples(REACH, REACH, REACH),
+            st.tuples(SPEED, SPEED, st.floats(-3.0, 3.0)),
+            st.floats(-180.0, 180.0),
+            st.sampled_from([0.0, 0.3, 5.0]),
+            st.sampled_from([0.0, 0.005, 0.02, 0.02, 0.1, 0.4]),
+        ),
+        min_size=2,
+        max_size=25,
+    )
+)
+def test_setpoints_keep_their_limits_whatever_the_track_and_the_clock_do(script):
+    steering, now_s, previous = controller(), 100.0, None
+    for number, (kind, place, velocity, yaw_deg, age_s, dt_s) in enumerate(script):
+        now_s += dt_s
+        goal = Goal(kind, 2.5, np.zeros(3), number // 3)
+        track = pad(now_s - age_s, place, velocity, yaw_deg)
+        setpoint, _ = steering.step(goal, track, vehicle(now_s), now_s)
+        assert setpoint is not None
+        values = [*setpoint.vel_ned_m_s, *setpoint.acc_ned_m_s2, setpoint.yaw_ned_rad]
+        assert np.isfinite(values).all()
+        assert np.linalg.norm(setpoint.vel_ned_m_s[:2]) <= 8.0 + 1e-9
+        assert np.linalg.norm(setpoint.acc_ned_m_s2) <= 3.0 + 1e-9
+        if previous is not None:
+            slew_s = max(dt_s, 1e-3)
+            change = setpoint.vel_ned_m_s - previous.vel_ned_m_s
+            assert np.linalg.norm(change[:2]) <= 3.0 * slew_s + 1e-9
+            assert abs(change[2]) <= 3.0 * slew_s + 1e-9
+            turn = math.remainder(setpoint.yaw_ned_rad - previous.yaw_ned_rad, math.tau)
+            assert abs(turn) <= math.radians(45.0) * slew_s + 1e-9
+        previous = setpoint
