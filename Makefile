@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PORT ?= 22
 DIR ?= alight
 CONFIG ?= configs/raspberry-pi.toml
-export PYTHON
+export PYTHON SSH_OPTS ALIGHT_NO_SYSTEM
 export PYTHONUNBUFFERED := 1
 
 # A stamp holds the folder it was made in: a checkout that was moved or copied is set up again.

@@ -20,6 +20,16 @@ compile() {
 }
 compile --output-file requirements.lock "$@"
 compile --output-file requirements-dev.lock --extra dev --constraint requirements.lock "$@"
-for lock in requirements.lock requirements-dev.lock; do
-    sed -i '1i # Written by `make lock` from pyproject.toml: exact versions, hashes of every wheel. Not edited by hand.' "$lock"
+pins=$(mktemp -d)
+trap 'rm -rf "$tools" "$pins"' EXIT
+echo simplejpeg >"$pins/simplejpeg.in"
+cp deploy/raspberry-pi/simplejpeg.lock "$pins/all.lock"
+"$tools/bin/pip-compile" --quiet --generate-hashes --no-annotate --no-header --no-emit-options --no-emit-index-url \
+    --no-emit-find-links --no-emit-trusted-host --constraint requirements.lock --output-file "$pins/all.lock" "$@" \
+    "$pins/simplejpeg.in"
+# Its one dependency, numpy, is in requirements.lock.
+sed -n '/^simplejpeg==/,/[^\\]$/p' "$pins/all.lock" >deploy/raspberry-pi/simplejpeg.lock
+for lock in requirements.lock requirements-dev.lock deploy/raspberry-pi/simplejpeg.lock; do
+    # shellcheck disable=SC2016  # the quotes are part of the words
+    sed -i '/^# Written by/d; 1i # Written by `make lock` from pyproject.toml: exact versions, hashes of every wheel. Not edited by hand.' "$lock"
 done

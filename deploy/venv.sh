@@ -4,7 +4,7 @@
 #   deploy/venv.sh [--system-site-packages] LOCK
 #
 # Needs python3 >= 3.11 and nothing else. Where Debian's python3 came without ensurepip, installs python3-venv if it
-# may (root, or sudo that asks for no password), else ends with the one line to run.
+# may (root, or sudo, asking for the password on a terminal), else ends with the one line to run.
 # Environment: PYTHON names another interpreter; ALIGHT_NO_SYSTEM=1 forbids touching the system.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -27,7 +27,7 @@ find_python() {
 }
 
 as_root() {
-    if [ "$(id -u)" = 0 ]; then "$@"; else sudo -n "$@"; fi
+    if [ "$(id -u)" = 0 ]; then "$@"; elif [ -t 0 ]; then sudo "$@"; else sudo -n "$@"; fi
 }
 
 install_ensurepip() {
@@ -40,7 +40,7 @@ install_ensurepip() {
             [ "$(readlink -f /usr/bin/python3)" = "/usr/bin/python$version" ] || package=python$version-venv ;;
         *) die "$1 lacks ensurepip; reinstall that Python with pip, or name another: make PYTHON=..." ;;
     esac
-    if [ "${ALIGHT_NO_SYSTEM:-}" = 1 ] || ! command -v apt-get >/dev/null || ! as_root true 2>/dev/null; then
+    if [ "${ALIGHT_NO_SYSTEM:-}" = 1 ] || ! command -v apt-get >/dev/null || ! as_root true; then
         die "$1 lacks ensurepip; run: sudo apt-get install $package   and then this again"
     fi
     echo "alight: installing $package, which this Python lacks"
@@ -69,7 +69,9 @@ if [ ! -e "$venv" ]; then
 fi
 
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --quiet)
-if ! "${pip[@]}" install --require-hashes -r "$lock"; then
+# The lock is complete: no dependency is looked for beside it. Byte code is made when a module is first imported, which
+# is far less than all of it.
+if ! "${pip[@]}" install --no-deps --no-compile --require-hashes -r "$lock"; then
     die "the packages of $lock could not be installed (see above); mend the network or pip's configuration and run this again"
 fi
 # setuptools comes from the lock, so nothing is fetched here.
