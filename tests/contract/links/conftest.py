@@ -156,7 +156,7 @@ class Autopilot:
         if not self.talking:
             return
         mav, send = self.station.mav, self.station.send
-        if now_s - self._beat_s >= 0.5:
+        if now_s - self._beat_s >= 0.1:
             self._beat_s = now_s
             mode = (ARMED if self.armed else 0) | CUSTOM
             send(mav.heartbeat_encode(2, mavlink.MAV_AUTOPILOT_PX4, mode, self.custom_mode, 4))
@@ -167,7 +167,7 @@ class Autopilot:
             send(mav.estimator_status_encode(0, 831, *(0.1,) * 8))
             send(mav.current_mode_encode(0, self.custom_mode, self.custom_mode))
             send(mav.global_position_int_encode(0, 0, 0, 488_500, 0, 0, 0, 0, 0))
-        if now_s - self._fast_s >= 0.02:
+        if now_s - self._fast_s >= 0.01:
             self._fast_s = now_s
             sample_s = now_s - self.position_lag_s
             pos = self.position_at(sample_s)
