@@ -121,6 +121,9 @@ class VisionConfig(Section):
     """[vision]: the paper's pipeline."""
 
     method: Literal["pnp", "paper"] = "pnp"
+    height_table: str = Field(
+        default="", description="paper: height table, relative to the rig file; empty: worked out from the lens"
+    )
     blur_sigma_px: float = Field(default=0.8, ge=0, le=5, description="Gaussian before the threshold; 0 for none")
     otsu_band: int = Field(default=60, ge=1, le=255, description="ROI threshold is taken if this near the global one")
     misses_before_sweep: int = Field(default=2, ge=0, le=100)
@@ -149,7 +152,7 @@ class EstimationConfig(Section):
 class GuidanceConfig(Section):
     """[guidance]: the velocity controller."""
 
-    position_gain_1_s: float = Field(default=1.5, gt=0, le=5)
+    position_gain_1_s: float = Field(default=2.0, gt=0, le=5)
     trim_gain_1_s2: float = Field(default=0.4, ge=0, le=3, description="integral action against PX4's velocity error")
     trim_max_m_s: float = Field(default=0.4, ge=0, le=2)
     coast_s: float = Field(default=4.0, ge=0, le=30, description="with the pad's last velocity, after it was lost")

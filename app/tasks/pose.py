@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from app.channels import Latest, Topic, Window
 from app.estimation.target import TargetEstimator
@@ -43,8 +47,9 @@ async def run_pose(
         at_capture = history.at(detection.t_capture_s)
         if at_capture is None:
             continue
-        fix = await compute(lambda seen=detection, state=at_capture: make_fix(seen, state))  # type: ignore[misc]
-        if fix is None:
+        fix = await compute(partial(make_fix, detection, at_capture.state))
+        if fix is None or not np.isfinite([*fix.pad_pos_ned_m, *fix.covariance_ned_m2.flat, fix.pad_yaw_ned_rad]).all():
             continue
+        fix = replace(fix, travelled_ned_m=at_capture.travelled_ned_m)
         fixes.publish(fix)
         tracks.publish(estimator.update(fix))
