@@ -27,6 +27,9 @@ innermost contours there are two pixels at this size."""
 COARSE_REACH_PX = 2.6
 FINE_REACH_PX = 1.7
 MIN_SHARP = 0.5
+"""Part of a run's corners whose sides must be measurable."""
+MIN_GAP_SEEN_PX = 1.0
+MIN_INNER_SEEN = 0.75
 AGREES_PX = 1.5
 """A contour that the threshold missed counts as found if its measured corners lie this near to the fit."""
 AGREES_PART = 0.02
@@ -121,7 +124,7 @@ def _quarter_turns(a: Fit, b: Fit) -> int:
 
 def _settle_heading(
     fits: list[Fit], innermost: int, scale_px: float, bench: Bench
-) -> tuple[Fit, Judgement] | Rejection:
+) -> tuple[Fit, Judgement, Patch] | Rejection:
     """The fit whose heading the drawing supports, or why none."""
     geometry, lens = bench.geometry, bench.lens
     judged: list[tuple[Judgement, Fit, Patch]] = []
@@ -138,7 +141,7 @@ def _settle_heading(
     if refused is None and len(judged) > 1:
         second, other, _ = judged[1]
         refused = check_heading(best, second, patch, _quarter_turns(fit, other), innermost, geometry)
-    return refused if refused is not None else (fit, best)
+    return refused if refused is not None else (fit, best, patch)
 
 
 def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
@@ -168,11 +171,29 @@ def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
     settled = _settle_heading(measured, first + count - 1, scale_px, bench)
     if isinstance(settled, Rejection):
         return settled
-    fit, judgement = settled
-    own = replace(fit, plane=apply(fit.basis @ fit.rays_from_pad, geometry.corners[fit.indices]))
+    fit, judgement, patch = settled
     if small:
-        return _found(own, range(first, first + count), judgement, scale_px, bench)
+        run = range(first, _seen_inside(patch, first + count - 1, scale_px, geometry) + 1)
+        indices = np.arange(geometry.slices[run[0]].start, geometry.slices[run[-1]].stop)
+        plane = apply(fit.basis @ fit.rays_from_pad, geometry.corners[indices])
+        return _found(replace(fit, indices=indices, plane=plane), run, judgement, scale_px, bench)
+    own = replace(fit, plane=apply(fit.basis @ fit.rays_from_pad, geometry.corners[fit.indices]))
     return _measured(own, judgement, first, count, scale_px, bench)
+
+
+def _seen_inside(patch: Patch, innermost: int, scale_px: float, geometry: LandmarkGeometry) -> int:
+    """Index of the innermost contour of a small landmark that the picture shows, though the threshold may not have.
+
+    A contour counts if it stands out from its neighbours by some pixels and what lies inside its parent agrees with
+    the drawing.
+    """
+    while innermost + 1 < len(geometry.landmark.contours):
+        gap_px = float(geometry.gap_m[geometry.slices[innermost + 1].start]) * scale_px
+        inner = judge(patch, innermost, geometry).inner
+        if gap_px < MIN_GAP_SEEN_PX or inner is None or inner < MIN_INNER_SEEN:
+            break
+        innermost += 1
+    return innermost
 
 
 def _sharpened(fits: list[Fit], first: int, count: int, bench: Bench) -> list[Fit] | Rejection:

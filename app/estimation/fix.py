@@ -1,0 +1,139 @@
+"""From a detection to a fix: the pose in the camera frame by either method, carried into PX4's local frame with the
+vehicle's pose at the time of the exposure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from app.estimation.height_table import HeightTable, computed_height_table
+from app.estimation.mount import level_from_cam
+from app.estimation.paper import camera_pose_from_paper, paper_pose
+from app.estimation.pose import cam_from_pad, estimate_camera_pose
+from app.frames import BODY_FROM_CAM_DOWN, Array, Transform, rotation_from_quaternion, yaw_from_rotation
+from app.landmark import Landmark
+from app.messages import CameraPose, Detection, PadFix, PaperPose, VehicleState
+from app.vision.camera_model import Lens
+
+Method = Literal["pnp", "paper"]
+
+ATTITUDE_SIGMA_RAD = math.radians(1.0)
+"""PX4's roll and pitch in flight, and the camera's mount: they move the pad by this part of its distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEstimate:
+    """What one detection says of the pad's place.
+
+    Attributes:
+        camera: By the chosen method; None where it gives none.
+        paper: The paper's own outputs, where its triangle was seen.
+    """
+
+    camera: CameraPose | None
+    paper: PaperPose | None
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEstimator:
+    """Both methods with what they need.
+
+    Attributes:
+        landmark: The drawing.
+        lens: Of the camera.
+        method: Which gives the camera pose.
+        table: The paper's height table; None where the landmark has no triangle.
+    """
+
+    landmark: Landmark
+    lens: Lens
+    method: Method
+    table: HeightTable | None
+
+    def estimate(self, detection: Detection, level: Array | None = None) -> PoseEstimate:
+        """Pose of the pad in the camera frame.
+
+        Args:
+            detection: With or without the landmark.
+            level: (3, 3) level_from_cam by the vehicle's attitude, where known (app.estimation.mount).
+        """
+        if not detection.contours:
+            return PoseEstimate(None, None)
+        paper: PaperPose | None = None
+        if self.table is not None:
+            paper = paper_pose(detection, self.landmark, self.lens, self.table, level)
+        if self.method == "pnp":
+            prior = None if level is None else level.T @ BODY_FROM_CAM_DOWN.T
+            return PoseEstimate(estimate_camera_pose(detection, self.landmark, self.lens, prior), paper)
+        if paper is None or self.table is None:
+            return PoseEstimate(None, paper)
+        camera = camera_pose_from_paper(paper, detection, self.landmark, self.lens, self.table, level)
+        return PoseEstimate(camera, paper)
+
+
+def pose_estimator(landmark: Landmark, lens: Lens, method: Method, table: HeightTable | None = None) -> PoseEstimator:
+    """A PoseEstimator; without a recorded table the paper's heights come from one worked out from the lens."""
+    return PoseEstimator(landmark, lens, method, table or computed_height_table(landmark, lens.focal_px))
+
+
+def pad_fix(
+    detection: Detection,
+    camera_pose: CameraPose,
+    vehicle: VehicleState,
+    body_from_cam: Transform,
+    paper: PaperPose | None = None,
+) -> PadFix:
+    """The pad in PX4's local frame.
+
+    Args:
+        detection: The pose rests on it.
+        camera_pose: Of the pad in the camera frame, by either method.
+        vehicle: Its pose at the detection's capture time.
+        body_from_cam: How the camera is mounted (app.estimation.mount).
+        paper: The paper's own outputs, to be carried along.
+    """
+    ned_from_body = rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)
+    body_from_pad = body_from_cam @ cam_from_pad(camera_pose)
+    from_vehicle = ned_from_body @ body_from_pad.translation
+    ned_from_pad = ned_from_body @ body_from_pad.rotation
+    ned_from_cam = ned_from_body @ body_from_cam.rotation
+    seen = ned_from_cam @ camera_pose.covariance[:3, :3] @ ned_from_cam.T
+    # A small rotation w of the vehicle moves the pad by w x r: covariance s^2 [r]x [r]x^T = s^2 (r.r I - r r^T).
+    leverage = float(from_vehicle @ from_vehicle) * np.eye(3) - np.outer(from_vehicle, from_vehicle)
+    turn = ned_from_cam @ camera_pose.covariance[3:, 3:] @ ned_from_cam.T
+    return PadFix(
+        t_capture_s=detection.t_capture_s,
+        pad_pos_ned_m=vehicle.pos_ned_m + from_vehicle,
+        pad_from_vehicle_ned_m=from_vehicle,
+        covariance_ned_m2=seen + ATTITUDE_SIGMA_RAD**2 * leverage,
+        pad_yaw_ned_rad=yaw_from_rotation(ned_from_pad),
+        yaw_sigma_rad=math.sqrt(max(float(turn[2, 2]), 0.0) + ATTITUDE_SIGMA_RAD**2),
+        code=detection.code or "",
+        pad_tilt_rad=math.acos(max(-1.0, min(1.0, float(ned_from_pad[2, 2])))),
+        paper=paper,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FixMaker:
+    """Detection and vehicle state to fix: what the pose task calls for each frame.
+
+    Attributes:
+        estimator: Method, landmark and lens.
+        body_from_cam: How the camera is mounted.
+    """
+
+    estimator: PoseEstimator
+    body_from_cam: Transform
+
+    def __call__(self, detection: Detection, vehicle: VehicleState) -> PadFix | None:
+        """The fix; None if the detection yields none."""
+        level = level_from_cam(vehicle.q_ned_from_body_wxyz, self.body_from_cam.rotation)
+        found = self.estimator.estimate(detection, level)
+        if found.camera is None:
+            return None
+        return pad_fix(detection, found.camera, vehicle, self.body_from_cam, found.paper)
