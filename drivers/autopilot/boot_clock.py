@@ -14,6 +14,8 @@ FIRST_SKEW_BUCKETS = 4
 """Distance of the pairs that give the first slope, 2 s after the start."""
 OFFSET_BUCKETS = 6
 """1.5 s: over which the message with the shortest delay is looked for."""
+GAP_S = 2.0
+"""After a silence as long as this, earlier messages say nothing of the offset."""
 SKEW_MAX = 0.05
 """A simulated PX4 on a busy machine runs slow by a per cent; a crystal is off by 50e-6 at most."""
 
@@ -49,6 +51,7 @@ class BootClock:
         self._buckets: deque[_Quickest] = deque(maxlen=SKEW_BUCKETS)
         self._bucket_end_s = -math.inf
         self._newest_boot_s = -math.inf
+        self._newest_arrival_s = math.inf
         self._skew = 0.0
 
     def observe(self, boot_s: float, arrival_s: float) -> bool:
@@ -61,7 +64,11 @@ class BootClock:
         if restarted:
             self._forget()
             self.restarts += 1
+        if arrival_s - self._newest_arrival_s > GAP_S:
+            # The clocks are compared afresh: a simulated one may have stood still in the meantime.
+            self._forget()
         self._newest_boot_s = max(self._newest_boot_s, boot_s)
+        self._newest_arrival_s = arrival_s
         here = _Quickest(boot_s, arrival_s - boot_s)
         if boot_s >= self._bucket_end_s:
             self._skew = self._measured_skew()
@@ -83,11 +90,7 @@ class BootClock:
     def offset_s(self, boot_s: float) -> float | None:
         """Our clock minus PX4's at a boot time; None before the first message."""
         recent = list(self._buckets)[-OFFSET_BUCKETS:]
-        oldest_s = self._newest_boot_s - (OFFSET_BUCKETS + 1) * BUCKET_S
-        return min(
-            (q.difference_s + self._skew * (boot_s - q.boot_s) for q in recent if q.boot_s >= oldest_s),
-            default=None,
-        )
+        return min((q.difference_s + self._skew * (boot_s - q.boot_s) for q in recent), default=None)
 
     def to_ours_s(self, boot_s: float) -> float:
         """A boot time on our clock.

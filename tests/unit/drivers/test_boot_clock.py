@@ -99,6 +99,15 @@ def test_offset_after_a_long_gap_is_that_of_the_new_messages() -> None:
     assert clock.to_ours_s(40.0) == pytest.approx(140.5)
 
 
+def test_offset_of_a_simulated_autopilot_that_stood_still_is_found_at_once() -> None:
+    clock = BootClock()
+    for k in range(500):
+        clock.observe(k * 0.01, 100.0 + k * 0.01)
+    clock.observe(5.0, 109.0)  # four seconds of ours, none of its
+    assert clock.to_ours_s(5.0) == pytest.approx(109.0)
+    assert clock.restarts == 0
+
+
 def test_time_of_ours_on_the_autopilots_clock_is_the_inverse() -> None:
     clock = BootClock()
     clock.observe(10.0, 110.0)
