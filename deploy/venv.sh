@@ -16,14 +16,14 @@ lock=$1
 die() { printf 'alight: %s\n' "$*" >&2; exit 2; }
 
 find_python() {
-    local candidate
-    for candidate in ${PYTHON:-python3 python3.11 python3.12 python3.13 python3.14}; do
+    local candidate candidates=${PYTHON:-python3 python3.11 python3.12 python3.13 python3.14}
+    for candidate in $candidates; do
         if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11) or sys.maxsize < 2**32)' 2>/dev/null; then
             command -v "$candidate"
             return
         fi
     done
-    die "no 64-bit Python 3.11 or newer here ($(python3 --version 2>&1 || true)); install one, or name it: make PYTHON=/path/to/python3.11"
+    die "no 64-bit Python 3.11 or newer among: $candidates; install one, or name it: make PYTHON=/path/to/python3.11"
 }
 
 as_root() {
@@ -40,7 +40,7 @@ install_ensurepip() {
             [ "$(readlink -f /usr/bin/python3)" = "/usr/bin/python$version" ] || package=python$version-venv ;;
         *) die "$1 lacks ensurepip; reinstall that Python with pip, or name another: make PYTHON=..." ;;
     esac
-    if [ "${ALIGHT_NO_SYSTEM:-}" = 1 ] || ! command -v apt-get >/dev/null || ! as_root true; then
+    if [ "${ALIGHT_NO_SYSTEM:-}" = 1 ] || ! command -v apt-get >/dev/null || ! as_root true 2>/dev/null; then
         die "$1 lacks ensurepip; run: sudo apt-get install $package   and then this again"
     fi
     echo "alight: installing $package, which this Python lacks"
