@@ -131,6 +131,8 @@ class PadFix:
         yaw_sigma_rad: Standard deviation of that heading.
         code: Run of contours that it rests on.
         pad_tilt_rad: Angle between the pad's normal and the vertical.
+        travelled_ned_m: (3,) integral of PX4's velocity up to the capture; only differences between fixes mean
+            something. None: the estimator takes PX4's position for it.
         paper: The paper's own outputs, where all of S1..T3 that they need was seen.
     """
 
@@ -142,6 +144,7 @@ class PadFix:
     yaw_sigma_rad: float
     code: str
     pad_tilt_rad: float = 0.0
+    travelled_ned_m: Array | None = None
     paper: PaperPose | None = None
 
 

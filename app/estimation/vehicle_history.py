@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from app.frames import slerp
+import numpy as np
+
+from app.frames import Array, slerp
 from app.messages import VehicleState
 
 EXTRAPOLATION_MAX_S = 0.10
@@ -14,49 +16,86 @@ EXTRAPOLATION_MAX_S = 0.10
 handled a few milliseconds before the telemetry of its own instant arrives. At 60 degrees a second, 0.1 s is 6 degrees
 of attitude, the most that a fix may be wrong by before it is better not made."""
 
+GAP_MAX_S = 0.25
+"""Telemetry comes every 0.1 s at the slowest that can be configured; over a longer gap the attitude is a guess."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The vehicle at one time.
+
+    Attributes:
+        state: Its state.
+        travelled_ned_m: (3,) the integral of PX4's velocity since the history began; differences of it mean something,
+            its value does not.
+    """
+
+    state: VehicleState
+    travelled_ned_m: Array
+
 
 class VehicleHistory:
-    """A time-ordered window of VehicleState.
+    """A time-ordered window of moments.
 
     Args:
-        length_s: States older than this before the newest are dropped.
+        length_s: What is older than this before the newest is dropped.
     """
 
     def __init__(self, length_s: float) -> None:
         self._length_s = length_s
-        self._states: deque[VehicleState] = deque()
+        self._moments: deque[Moment] = deque()
 
     def add(self, state: VehicleState) -> None:
-        """Add a state. One that is not newer than the last is ignored; a reset of PX4's local frame empties the past,
-        since positions on both sides of it are in different frames.
-        """
-        if self._states and state.frame_resets != self._states[-1].frame_resets:
-            self._states.clear()
-        if self._states and state.t_capture_s <= self._states[-1].t_capture_s:
-            return
-        self._states.append(state)
-        while state.t_capture_s - self._states[0].t_capture_s > self._length_s:
-            self._states.popleft()
+        """Add a state; one that is not newer than the last is ignored.
 
-    def at(self, t_s: float) -> VehicleState | None:
-        """The state at a time: interpolated, or carried on by at most EXTRAPOLATION_MAX_S; None if out of reach."""
-        if not self._states or t_s < self._states[0].t_capture_s:
+        A reset of PX4's local frame empties the past: positions on both sides of it are in different frames.
+        """
+        moments = self._moments
+        if moments and state.frame_resets != moments[-1].state.frame_resets:
+            moments.clear()
+        if not moments:
+            moments.append(Moment(state, np.zeros(3)))
+            return
+        last = moments[-1]
+        dt_s = state.t_capture_s - last.state.t_capture_s
+        if dt_s <= 0.0:
+            return
+        way = 0.5 * dt_s * (last.state.vel_ned_m_s + state.vel_ned_m_s)
+        moments.append(Moment(state, last.travelled_ned_m + way))
+        while state.t_capture_s - moments[0].state.t_capture_s > self._length_s:
+            moments.popleft()
+
+    def at(self, t_s: float) -> Moment | None:
+        """The moment at a time: interpolated, or carried on by at most EXTRAPOLATION_MAX_S; None if out of reach
+        or in a gap of more than GAP_MAX_S.
+        """
+        moments = self._moments
+        if not moments or t_s < moments[0].state.t_capture_s:
             return None
-        newest = self._states[-1]
-        if t_s >= newest.t_capture_s:
-            ahead_s = t_s - newest.t_capture_s
+        newest = moments[-1]
+        if t_s >= newest.state.t_capture_s:
+            ahead_s = t_s - newest.state.t_capture_s
             if ahead_s > EXTRAPOLATION_MAX_S:
                 return None
-            return replace(newest, t_capture_s=t_s, pos_ned_m=newest.pos_ned_m + ahead_s * newest.vel_ned_m_s)
-        k = bisect_left(self._states, t_s, key=lambda state: state.t_capture_s)
+            way = ahead_s * newest.state.vel_ned_m_s
+            state = replace(newest.state, t_capture_s=t_s, pos_ned_m=newest.state.pos_ned_m + way)
+            return Moment(state, newest.travelled_ned_m + way)
+        k = bisect_left(moments, t_s, key=lambda moment: moment.state.t_capture_s)
         if k == 0:
-            return self._states[0]
-        before, after = self._states[k - 1], self._states[k]
-        part = (t_s - before.t_capture_s) / (after.t_capture_s - before.t_capture_s)
-        return replace(
-            after,
-            t_capture_s=t_s,
-            pos_ned_m=(1 - part) * before.pos_ned_m + part * after.pos_ned_m,
-            vel_ned_m_s=(1 - part) * before.vel_ned_m_s + part * after.vel_ned_m_s,
-            q_ned_from_body_wxyz=slerp(before.q_ned_from_body_wxyz, after.q_ned_from_body_wxyz, part),
-        )
+            return moments[0]
+        if moments[k].state.t_capture_s - moments[k - 1].state.t_capture_s > GAP_MAX_S:
+            return None
+        return _between(moments[k - 1], moments[k], t_s)
+
+
+def _between(before: Moment, after: Moment, t_s: float) -> Moment:
+    a, b = before.state, after.state
+    part = (t_s - a.t_capture_s) / (b.t_capture_s - a.t_capture_s)
+    state = replace(
+        b,
+        t_capture_s=t_s,
+        pos_ned_m=(1 - part) * a.pos_ned_m + part * b.pos_ned_m,
+        vel_ned_m_s=(1 - part) * a.vel_ned_m_s + part * b.vel_ned_m_s,
+        q_ned_from_body_wxyz=slerp(a.q_ned_from_body_wxyz, b.q_ned_from_body_wxyz, part),
+    )
+    return Moment(state, (1 - part) * before.travelled_ned_m + part * after.travelled_ned_m)

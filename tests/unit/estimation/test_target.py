@@ -1,0 +1,290 @@
+"""The target estimator against a batch least squares, by hand-computed steps, and for the truth of its covariance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.config import EstimationConfig
+from app.estimation.target import TargetEstimator, is_confident, predict
+from app.messages import PadFix, PadTrack
+
+CONFIG = EstimationConfig(acceleration_m_s2=1.0, gate_sigma=4.0, rejections_before_restart=8, fixes_before_confident=5)
+FRAME_S = 1.0 / 30.0
+
+
+def fix(t_s: float, pos=(0.0, 0.0, 0.0), sigma_m: float = 0.02, yaw_deg: float = 0.0, **changes: Any) -> PadFix:
+    made = PadFix(
+        t_capture_s=t_s,
+        pad_pos_ned_m=np.array(pos, dtype=np.float64),
+        pad_from_vehicle_ned_m=np.array(pos, dtype=np.float64),
+        covariance_ned_m2=np.eye(3) * sigma_m**2,
+        pad_yaw_ned_rad=math.radians(yaw_deg),
+        yaw_sigma_rad=math.radians(1.0),
+        code="4433",
+    )
+    return replace(made, **changes)
+
+
+def run(estimator: TargetEstimator, fixes: list[PadFix]) -> PadTrack:
+    tracks = [estimator.update(one) for one in fixes]
+    return tracks[-1]
+
+
+def driving(seconds: float, *, vel=(3.0, -1.5, 0.0), from_s: float = 100.0) -> list[PadFix]:
+    """Exact fixes of a pad at constant velocity."""
+    times = np.arange(round(seconds / FRAME_S)) * FRAME_S
+    return [fix(from_s + t, tuple(np.array(vel) * t)) for t in times]
+
+
+# ------------------------------------------------------------------------------------------------------------- by hand
+def test_first_fix_starts_the_track_where_it_is_at_rest_and_unsure_of_its_speed():
+    track = TargetEstimator(CONFIG).update(fix(100.0, (4.0, 5.0, 0.5), sigma_m=0.1))
+    np.testing.assert_array_equal(track.pos_ned_m, [4.0, 5.0, 0.5])
+    np.testing.assert_array_equal(track.vel_ned_m_s, 0.0)
+    np.testing.assert_allclose(np.diag(track.covariance), [0.01, 0.01, 0.01, 25.0, 25.0, 1.0])
+    assert (track.fixes_accepted, track.t_last_fix_s) == (1, 100.0)
+
+
+def test_second_fix_by_hand():
+    """One axis, a second later, sigma 1 m, white acceleration of 1: predicted variance 1 + 25 + 1/3, covariance
+    25 + 1/2, velocity 25 + 1; innovation 2 m with variance 26.333 + 1. Gains 26.333 / 27.333 and 25.5 / 27.333.
+    """
+    estimator = TargetEstimator(CONFIG)
+    estimator.update(fix(100.0, sigma_m=1.0))
+    track = estimator.update(fix(101.0, (2.0, 0.0, 0.0), sigma_m=1.0))
+    p, c, v = 1.0 + 25.0 + 1.0 / 3.0, 25.0 + 0.5, 25.0 + 1.0
+    assert track.pos_ned_m[0] == pytest.approx(2.0 * p / (p + 1.0))
+    assert track.vel_ned_m_s[0] == pytest.approx(2.0 * c / (p + 1.0))
+    assert track.covariance[0, 0] == pytest.approx(p / (p + 1.0))
+    assert track.covariance[3, 3] == pytest.approx(v - c * c / (p + 1.0))
+
+
+def test_prediction_by_hand():
+    track = TargetEstimator(CONFIG).update(fix(100.0, (1.0, 2.0, 3.0), sigma_m=0.1))
+    ahead = predict(replace(track, vel_ned_m_s=np.array([4.0, -2.0, 0.5])), 100.5, 2.0)
+    np.testing.assert_allclose(ahead.pos_ned_m, [3.0, 1.0, 3.25])
+    # 0.01 + 25 * 0.5^2 + 2^2 * 0.5^3 / 3; downward a quarter of the density on 1 (m/s)^2
+    assert ahead.covariance[0, 0] == pytest.approx(0.01 + 6.25 + 4.0 * 0.125 / 3.0)
+    assert ahead.covariance[0, 3] == pytest.approx(25.0 * 0.5 + 4.0 * 0.25 / 2.0)
+    assert ahead.covariance[2, 2] == pytest.approx(0.01 + 0.25 + 1.0 * 0.125 / 3.0)
+    assert ahead.t_last_fix_s == 100.0
+
+
+def test_track_carried_on_keeps_its_velocity_and_turns():
+    track = TargetEstimator(CONFIG).update(fix(100.0, yaw_deg=170.0))
+    later = replace(track, vel_ned_m_s=np.array([1.0, 0.0, 0.0]), yaw_rate_rad_s=math.radians(40.0)).at(100.5)
+    np.testing.assert_allclose(later.pos_ned_m, [0.5, 0.0, 0.0])
+    assert math.degrees(later.yaw_ned_rad) == pytest.approx(-170.0)
+
+
+def test_fix_that_is_not_newer_changes_nothing():
+    estimator = TargetEstimator(CONFIG)
+    before = run(estimator, driving(1.0))
+    assert estimator.update(fix(before.t_capture_s, (9.0, 9.0, 9.0))) is before
+    assert estimator.update(fix(before.t_capture_s - 0.1, (9.0, 9.0, 9.0))) is before
+
+
+def test_track_of_a_driving_pad_finds_its_velocity():
+    track = run(TargetEstimator(CONFIG), driving(2.0))
+    np.testing.assert_allclose(track.vel_ned_m_s, [3.0, -1.5, 0.0], atol=0.01)
+    np.testing.assert_allclose(track.at(102.0).pos_ned_m, [6.0, -3.0, 0.0], atol=0.01)
+
+
+# --------------------------------------------------------------------------------------------------- a second opinion
+def batch(fixes: list[PadFix], density: float) -> tuple[np.ndarray, np.ndarray]:
+    """All states at once by weighted least squares: prior, transitions and fixes as rows. The last state and its
+    covariance must be the filter's.
+    """
+    n = len(fixes)
+    rows, values = [], []
+
+    def add(block: dict[int, np.ndarray], value: np.ndarray, covariance: np.ndarray) -> None:
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        row = np.zeros((len(value), 6 * n))
+        for k, part in block.items():
+            row[:, 6 * k : 6 * k + 6] = whiten @ part
+        rows.append(row)
+        values.append(whiten @ value)
+
+    prior = np.zeros((6, 6))
+    prior[:3, :3] = fixes[0].covariance_ned_m2
+    prior[3:, 3:] = np.diag([25.0, 25.0, 1.0])
+    add({0: np.eye(6)}, np.concatenate([fixes[0].pad_pos_ned_m, np.zeros(3)]), prior)
+    for k in range(1, n):
+        dt = fixes[k].t_capture_s - fixes[k - 1].t_capture_s
+        f = np.block([[np.eye(3), dt * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
+        q = np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), density**2 * np.diag([1.0, 1.0, 0.25]))
+        add({k - 1: -f, k: np.eye(6)}, np.zeros(6), q)
+        add({k: np.eye(3, 6)}, fixes[k].pad_pos_ned_m, fixes[k].covariance_ned_m2)
+    a, b = np.vstack(rows), np.concatenate(values)
+    covariance = np.linalg.inv(a.T @ a)
+    return np.linalg.lstsq(a, b, rcond=None)[0][-6:], covariance[-6:, -6:]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_track_is_the_batch_least_squares_solution(seed):
+    rng = np.random.default_rng(seed)
+    t_s, fixes = 100.0, []
+    for _ in range(25):
+        t_s += float(rng.uniform(0.02, 0.3))
+        root = rng.normal(0.0, 0.05, (3, 3))
+        covariance = root @ root.T + np.eye(3) * 1e-3
+        place = np.array([2.0, -1.0, 0.1]) * (t_s - 100.0) + rng.multivariate_normal(np.zeros(3), covariance)
+        fixes.append(fix(t_s, tuple(place), covariance_ned_m2=covariance))
+    track = run(TargetEstimator(CONFIG.model_copy(update={"gate_sigma": 20.0})), fixes)
+    state, covariance = batch(fixes, CONFIG.acceleration_m_s2)
+    assert track.fixes_accepted == 25
+    np.testing.assert_allclose(np.concatenate([track.pos_ned_m, track.vel_ned_m_s]), state, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(track.covariance, covariance, rtol=1e-5, atol=1e-9)
+
+
+# ------------------------------------------------------------------------------------------- does it know what it knows
+def chi2_band(dof: int) -> tuple[float, float]:
+    """The middle 95% of a chi-squared variable (Wilson and Hilferty, 1931)."""
+    a = 2.0 / (9.0 * dof)
+    return tuple(dof * (1.0 - a + z * math.sqrt(a)) ** 3 for z in (-1.95996, 1.95996))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(("density", "sigma_m", "rate_hz"), [(1.0, 0.02, 30.0), (3.0, 0.1, 10.0), (0.3, 0.3, 30.0)])
+def test_covariance_is_true_over_many_drives(density, sigma_m, rate_hz):
+    """Normalised estimation error squared of 60 pads that drive as the model says: 360 degrees of freedom."""
+    config = CONFIG.model_copy(update={"acceleration_m_s2": density})
+    dt, trials, total = 1.0 / rate_hz, 60, 0.0
+    rng = np.random.default_rng(11)
+    q = np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), density**2 * np.diag([1.0, 1.0, 0.25]))
+    f = np.block([[np.eye(3), dt * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
+    root = np.linalg.cholesky(q)
+    for _ in range(trials):
+        truth = np.concatenate([rng.normal(0.0, 10.0, 3), rng.normal(0.0, [5.0, 5.0, 1.0])])
+        estimator = TargetEstimator(config)
+        for k in range(45):
+            seen = truth[:3] + rng.normal(0.0, sigma_m, 3)
+            track = estimator.update(fix(100.0 + k * dt, tuple(seen), sigma_m=sigma_m))
+            last = truth
+            truth = f @ truth + root @ rng.standard_normal(6)
+        error = np.concatenate([track.pos_ned_m, track.vel_ned_m_s]) - last
+        total += float(error @ np.linalg.solve(track.covariance, error))
+    low, high = chi2_band(6 * trials)
+    assert low <= total <= high
+
+
+def test_covariance_stays_symmetric_and_positive_over_a_long_flight():
+    rng = np.random.default_rng(2)
+    estimator = TargetEstimator(CONFIG)
+    for k in range(3000):
+        track = estimator.update(fix(100.0 + k * FRAME_S, tuple(rng.normal(0.0, 1e-3, 3)), sigma_m=1e-3))
+    np.testing.assert_allclose(track.covariance, track.covariance.T, atol=1e-15)
+    assert np.linalg.eigvalsh(track.covariance).min() > 0.0
+
+
+def test_covariance_after_ten_minutes_without_the_pad_still_works():
+    estimator = TargetEstimator(CONFIG)
+    run(estimator, driving(2.0))
+    track = run(estimator, driving(2.0, from_s=702.0))
+    np.testing.assert_allclose(track.vel_ned_m_s, [3.0, -1.5, 0.0], atol=0.02)
+    assert np.linalg.eigvalsh(track.covariance).min() > 0.0
+
+
+# --------------------------------------------------------------------------------------------------- outliers, restart
+def test_outlier_is_counted_and_left_out():
+    estimator = TargetEstimator(CONFIG)
+    before = run(estimator, driving(2.0))
+    after = estimator.update(fix(102.0, (7.0, -3.0, 0.0)))
+    assert (after.fixes_rejected_in_row, after.fixes_accepted, after.t_last_fix_s) == (1, 60, before.t_last_fix_s)
+    np.testing.assert_array_equal(after.pos_ned_m, before.pos_ned_m)
+
+
+@pytest.mark.parametrize(("sigmas", "accepted"), [(3.8, True), (4.2, False)])
+def test_gate_lies_at_four_sigma_of_the_innovation(sigmas, accepted):
+    estimator = TargetEstimator(CONFIG)
+    before = run(estimator, [fix(100.0 + k * FRAME_S) for k in range(90)])
+    t_s = before.t_capture_s + FRAME_S
+    variance = predict(before, t_s, CONFIG.acceleration_m_s2).covariance[1, 1] + 0.02**2
+    after = estimator.update(fix(t_s, (0.0, sigmas * math.sqrt(variance), 0.0)))
+    assert (after.fixes_rejected_in_row == 0) is accepted
+
+
+def test_outlier_between_good_fixes_is_forgotten():
+    estimator = TargetEstimator(CONFIG)
+    fixes = driving(3.0)
+    spoilt = [fix(f.t_capture_s, (99.0, 0.0, 0.0)) if k % 5 == 4 and k > 30 else f for k, f in enumerate(fixes)]
+    track = run(estimator, [*spoilt, fix(103.0, (9.0, -4.5, 0.0))])
+    np.testing.assert_allclose(track.pos_ned_m, [9.0, -4.5, 0.0], atol=0.02)
+    assert track.fixes_rejected_in_row == 0
+
+
+@pytest.mark.parametrize(("outliers", "restarted"), [(7, False), (8, True)])
+def test_enough_outliers_in_a_row_start_a_new_track(outliers, restarted):
+    estimator = TargetEstimator(CONFIG)
+    run(estimator, driving(2.0))
+    track = run(estimator, [fix(102.0 + k * FRAME_S, (50.0, 50.0, 0.0)) for k in range(outliers)])
+    assert (track.fixes_accepted == 1) is restarted
+    assert not is_confident(track, CONFIG) if restarted else is_confident(track, CONFIG)
+
+
+def test_reset_forgets_the_track():
+    estimator = TargetEstimator(CONFIG)
+    run(estimator, driving(1.0))
+    estimator.reset()
+    assert estimator.track is None
+    assert estimator.update(fix(101.0, (50.0, 0.0, 0.0))).fixes_accepted == 1
+
+
+def test_confidence_takes_enough_fixes_and_a_known_speed():
+    estimator = TargetEstimator(CONFIG)
+    told = [is_confident(estimator.update(one), CONFIG) for one in driving(1.0)]
+    assert told[:4] == [False] * 4 and all(told[10:])
+    coarse = TargetEstimator(CONFIG)
+    assert not is_confident(run(coarse, [fix(100.0 + k * FRAME_S, sigma_m=1.0) for k in range(6)]), CONFIG)
+
+
+# ------------------------------------------------------------------------------------------------------------- heading
+def test_heading_turns_through_south_without_a_jump():
+    """A pad that turns at 10 degrees a second from 170 to -170 degrees."""
+    estimator = TargetEstimator(CONFIG)
+    off = []
+    for k in range(61):
+        truth_deg = 170.0 + 10.0 * k * FRAME_S
+        track = estimator.update(fix(100.0 + k * FRAME_S, yaw_deg=math.remainder(truth_deg, 360.0)))
+        off.append(abs(math.remainder(track.yaw_ned_rad - math.radians(truth_deg), math.tau)))
+    assert max(off) < math.radians(1.5)
+    assert math.degrees(track.yaw_rate_rad_s) == pytest.approx(10.0, abs=2.0)
+    assert -math.pi <= track.yaw_ned_rad < math.pi
+
+
+@pytest.mark.parametrize("wrong_deg", [90.0, 180.0, -90.0])
+def test_heading_off_by_a_quarter_turn_is_left_out_and_the_place_is_taken(wrong_deg):
+    estimator = TargetEstimator(CONFIG)
+    fixes = driving(2.0)
+    run(estimator, fixes)
+    track = estimator.update(fix(102.0, (6.0, -3.0, 0.0), yaw_deg=wrong_deg))
+    assert abs(track.yaw_ned_rad) < math.radians(1.0)
+    assert track.t_last_fix_s == 102.0
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 10.0, 4.0])
+@pytest.mark.parametrize("wrong_deg", [90.0, 180.0, -90.0])
+def test_heading_that_began_wrong_is_mended_after_eight_fixes_without_a_spin(wrong_deg, rate_hz):
+    estimator = TargetEstimator(CONFIG)
+    estimator.update(fix(100.0, yaw_deg=wrong_deg))
+    tracks = [estimator.update(fix(100.0 + k / rate_hz)) for k in range(1, 60)]
+    assert max(abs(track.yaw_ned_rad) for track in tracks[8:]) < math.radians(1.0)
+    assert max(abs(track.yaw_rate_rad_s) for track in tracks) < math.radians(5.0)
+
+
+# ---------------------------------------------------------------------------------- PX4's velocity against its position
+def test_velocity_carries_the_error_of_px4s_velocity():
+    """PX4 believes in 0.1 m/s north while the vehicle, and its position, stand still over a pad at rest. A command of
+    0.1 m/s is what keeps it there, so that is the velocity that the track must have.
+    """
+    estimator = TargetEstimator(CONFIG)
+    for k in range(120):
+        travelled = np.array([0.1 * k * FRAME_S, 0.0, 0.0])
+        track = estimator.update(fix(100.0 + k * FRAME_S, (2.0, 0.0, 2.5), travelled_ned_m=travelled))
+    np.testing.assert_allclose(track.vel_ned_m_s, [0.1, 0.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(track.pos_ned_m, [2.0, 0.0, 2.5], atol=0.01)
