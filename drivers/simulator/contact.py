@@ -36,12 +36,15 @@ HARD_M_S = 3.5
 SIDE_M = 0.3
 """Decks higher than this have a side that a vehicle can strike."""
 
-_FEET = (
-    (FOOT_FORWARD_M, FOOT_RIGHT_M),
-    (FOOT_FORWARD_M, -FOOT_RIGHT_M),
-    (-FOOT_FORWARD_M, FOOT_RIGHT_M),
-    (-FOOT_FORWARD_M, -FOOT_RIGHT_M),
+_POINTS = (
+    (FOOT_FORWARD_M, FOOT_RIGHT_M, FOOT_DOWN_M),
+    (FOOT_FORWARD_M, -FOOT_RIGHT_M, FOOT_DOWN_M),
+    (-FOOT_FORWARD_M, FOOT_RIGHT_M, FOOT_DOWN_M),
+    (-FOOT_FORWARD_M, -FOOT_RIGHT_M, FOOT_DOWN_M),
+    (0.08, 0.0, 0.07),
+    (-0.08, 0.0, 0.07),
 )
+"""What touches: four feet, and the belly's two ends for when a foot has nothing under it."""
 
 Wrench = tuple[float, float, float, float, float, float]
 
@@ -61,7 +64,7 @@ class Feet:
         self.touching = 4
         self.on_deck = 0
         self.impact_m_s = 0.0
-        self._bristle = [[0.0, 0.0] for _ in _FEET]
+        self._bristle = [[0.0, 0.0] for _ in _POINTS]
 
     @staticmethod
     def sag_m(weight_n: float) -> float:
@@ -95,8 +98,7 @@ class Feet:
         fastest = 0.0
         c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
         half = pad.deck_half_m
-        for (x, y), bristle in zip(_FEET, self._bristle, strict=True):
-            z = FOOT_DOWN_M
+        for (x, y, z), bristle in zip(_POINTS, self._bristle, strict=True):
             foot_d = body.d + m[6] * x + m[7] * y + m[8] * z
             if foot_d < min(pad.down_m, 0.0):
                 bristle[0] = bristle[1] = 0.0

@@ -37,6 +37,8 @@ class Px4:
 
     def __init__(self, plant: Plant, seed: int, estimate_error_scale: float = 1.0) -> None:
         self.params = Params()
+        # PX4 estimates its hover thrust in flight (MPC_USE_HTE); here it is known from the start.
+        self.params.set("MPC_THR_HOVER", plant.airframe.hover_thrust)
         self.commander = Commander(self.params)
         self.detector = LandDetector(self.params)
         self.sticks = (0.0, 0.0, 0.0)
