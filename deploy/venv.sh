@@ -56,17 +56,21 @@ install_ensurepip() {
 python=$(find_python)
 "$python" -c 'import ensurepip, venv' 2>/dev/null || install_ensurepip "$python"
 
-# A virtual environment holds absolute paths: one that was copied or moved here is made anew, and so is one of another
-# Python, or one without the system's packages where they are wanted.
-wanted="$PWD $("$python" -c 'import sys; print(sys.version_info[:2], sys.base_prefix)') ${site[*]:-}"
-if [ -e "$venv" ] && ! { [ "$(cat "$venv/.made-as" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -m pip --version >/dev/null 2>&1; }; then
+# A virtual environment holds absolute paths: one that was copied or moved here is made anew, and so is a broken one, one
+# of another Python than was asked for, and one that can't see the system's packages where they are wanted.
+usable() {
+    head -n 2 "$venv/bin/pip" 2>/dev/null | grep -qF "$PWD/$venv/bin/" &&
+        "$venv/bin/python" -m pip --version >/dev/null 2>&1 &&
+        [ "$(base_of "$venv/bin/python")" = "$(base_of "$python")" ] &&
+        { [ -z "${site[*]:-}" ] || grep -qi '^include-system-site-packages *= *true' "$venv/pyvenv.cfg"; }
+}
+base_of() { "$1" -c 'import sys; print(sys.version_info[:2], sys.base_prefix)'; }
+
+if [ -e "$venv" ] && ! usable; then
     echo "alight: making $venv anew (it was made elsewhere, by another Python, or not to the end)"
     rm -rf "$venv"
 fi
-if [ ! -e "$venv" ]; then
-    "$python" -m venv "${site[@]}" "$venv"
-    printf '%s\n' "$wanted" >"$venv/.made-as"
-fi
+[ -e "$venv" ] || "$python" -m venv "${site[@]}" "$venv"
 
 pip=("$venv/bin/python" -m pip --disable-pip-version-check --quiet)
 # The lock is complete: no dependency is looked for beside it. Byte code is made when a module is first imported, which
