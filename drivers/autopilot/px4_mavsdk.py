@@ -1,7 +1,7 @@
 """PX4 over MAVLink with MAVSDK: the Autopilot port on the real link.
 
 Setpoints are our own SET_POSITION_TARGET_LOCAL_NED messages, each sent once; MAVSDK's Offboard plugin, which goes on
-sending the last one by itself, is never made (decision 0001). Telemetry is read raw, for the sake of the times since
+sending the last one by itself, is never made (decisions/0001). Telemetry is read raw, for the sake of the times since
 boot that MAVSDK's telemetry plugin leaves out. This file moves messages; what they mean is telemetry's,
 px4_commands' and boot_clock's.
 """

@@ -54,10 +54,9 @@ NAMES = (
 def _vector(fields: Mapping[str, Any], *keys: str) -> Array | None:
     """Fields as an array, or None if one is missing or not finite (null in MAVSDK's JSON)."""
     values = [fields.get(key) for key in keys]
-    if any(value is None for value in values):
+    if any(value is None or not math.isfinite(value) for value in values):
         return None
-    array = np.array(values, dtype=np.float64)
-    return array if bool(np.isfinite(array).all()) else None
+    return np.array(values, dtype=np.float64)
 
 
 class VehicleTelemetry:

@@ -1,4 +1,7 @@
-"""Cameras that OpenCV opens: USB devices, network streams, and video files at their own pace. The Camera port."""
+"""Cameras that OpenCV opens: USB devices, network streams, and video files at their own pace. The Camera port.
+
+Frames are grey, as everywhere (decisions/0005).
+"""
 
 from __future__ import annotations
 
@@ -140,7 +143,8 @@ class OpenCvCamera:
         if self._is_file:
             t_capture_s, name = self._start_s + index / self._file_rate_hz, f"{self._source}#{index}"
             reader.wait_s(t_capture_s - time.monotonic())
-        return Frame(t_capture_s, index, image.astype(np.uint8, copy=False), name=name)
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+        return Frame(t_capture_s, index, grey.astype(np.uint8, copy=False), name=name)
 
     def _release(self) -> None:
         if self._capture is not None:

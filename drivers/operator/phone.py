@@ -17,7 +17,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from app.errors import OperatorError
-from app.messages import CommandResult, OperatorAction, Severity
+from app.messages import CommandResult, OperatorAction
 
 GROUND_STATION = (255, 190)
 """Our (system id, component id)."""
@@ -42,7 +42,12 @@ class PhoneProgress:
 
 @dataclass(frozen=True, slots=True)
 class PhoneText:
-    """A line from Alight for the screen."""
+    """A line from Alight for the screen.
+
+    Attributes:
+        text: At most 50 characters.
+        severity: MAV_SEVERITY: 0 emergency to 7 debug.
+    """
 
     text: str
     severity: int
@@ -193,8 +198,3 @@ def _silence(address: str, timeout_s: float, *, found: bool, answered: bool) -> 
     return OperatorError(
         f"{address}: nobody answers within {timeout_s:g} s", "start alight run, and give its operator address"
     )
-
-
-def severity_of(text: PhoneText) -> Severity:
-    """The loudness of a line, for its colour: what Severity lacks is the nearest that it has."""
-    return min(Severity, key=lambda s: abs(int(s) - text.severity))

@@ -51,6 +51,7 @@ async def test_video_file_gives_its_frames_at_its_own_rate_and_ends(video: Path)
     times = {f.sequence: f.t_capture_s - frames[0].t_capture_s for f in frames}
     assert times[FRAMES - 1] == pytest.approx((FRAMES - 1) / RATE_HZ)
     assert elapsed_s >= times[FRAMES - 1]
+    assert {f.image.shape for f in frames} == {(48, 64)}
     levels = [round(float(f.image.mean()) / 20.0) for f in frames]
     assert levels == [f.sequence for f in frames]
     assert frames[-1].name == f"{video}#{FRAMES - 1}"
