@@ -9,8 +9,14 @@ from typing import Any
 import structlog
 
 
-def configure_logging(*, verbose: bool = False) -> None:
-    """Send log events to standard error; standard output belongs to the commands' results."""
+def configure_logging(*, verbose: bool = False, quiet: bool = False) -> None:
+    """Send log events to standard error; standard output belongs to the commands' results.
+
+    Args:
+        verbose: From debug level on.
+        quiet: Only what is wrong; for commands that show the same things in another way.
+    """
+    level = logging.DEBUG if verbose else logging.ERROR if quiet else logging.INFO
     renderer: Any = structlog.dev.ConsoleRenderer() if sys.stderr.isatty() else structlog.processors.JSONRenderer()
     structlog.configure(
         processors=[
@@ -20,7 +26,7 @@ def configure_logging(*, verbose: bool = False) -> None:
             structlog.processors.format_exc_info,
             renderer,
         ],
-        wrapper_class=structlog.make_filtering_bound_logger(logging.DEBUG if verbose else logging.INFO),
+        wrapper_class=structlog.make_filtering_bound_logger(level),
         logger_factory=structlog.PrintLoggerFactory(file=sys.stderr),
         cache_logger_on_first_use=False,
     )

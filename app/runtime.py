@@ -60,6 +60,8 @@ log = get_logger("runtime")
 
 RESTARTS_MAX = 5
 RESTART_AFTER_S = 1.0
+PILOTS_MODES = frozenset({FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION})
+"""Whoever flies in one of these has the sticks in hand: an application that ends takes nothing from them."""
 LAST_WORDS_S = 1.0
 """For the phone's last answers, once every task has ended."""
 EXECUTOR_THREADS = 16
@@ -226,7 +228,7 @@ class Application:
                 group.create_task(self._supervise("detection", detection), name="detection"),
             ]
             if parts.recorder is not None:
-                record = partial(run_recorder, recorder=parts.recorder, recorded=self._recorded())
+                record = partial(run_recorder, recorder=parts.recorder, recorded=self._recorded(), clock=parts.clock)
                 tasks.append(group.create_task(self._supervise("recorder", record, vital=False), name="recorder"))
             watchdog.ready()
             log.info("application.started", setpoint_rate_hz=config.autopilot.setpoint_rate_hz)
@@ -283,6 +285,8 @@ class Application:
         if report is None or report.phase not in ACTIVE | HANDED_OVER:
             return
         if report.phase in HANDED_OVER and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
+            return
+        if vehicle is not None and vehicle.mode in PILOTS_MODES:
             return
         try:
             async with asyncio.timeout(2 * self._parts.config.autopilot.action_timeout_s):

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from app.frames import Array
-
-RecordItem = tuple[str, float, Any]
-"""(topic, time in seconds, message as a dictionary, or an image)."""
+from app.messages import Frame
+from app.review.record_reader import Recorded
 
 
 @dataclass(slots=True)
@@ -74,12 +73,14 @@ class Flight:
         return start, (ended[0] if ended else self.end_s)
 
 
-def collect_flight(items: Iterable[RecordItem]) -> Flight:
+def collect_flight(items: Iterable[Recorded]) -> Flight:
     """Gather a record's items into arrays; images and unknown topics are left out."""
     rows: dict[str, list[Any]] = {}
     phases: list[tuple[float, str, str]] = []
     texts: list[tuple[float, str]] = []
-    for topic, t_s, message in items:
+    for topic, t_s, _, message in items:
+        if isinstance(message, Frame):
+            continue
         if topic == "reports":
             if not phases or phases[-1][1] != message["phase"] or phases[-1][2] != message["reason"]:
                 phases.append((t_s, message["phase"], message["reason"]))

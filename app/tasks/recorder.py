@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.channels import Window
+from app.clock import Clock
 from app.ports import Recorder
 
 
@@ -23,15 +24,20 @@ class Recorded:
     items: Window[Any]
 
 
-async def run_recorder(*, recorder: Recorder, recorded: tuple[Recorded, ...]) -> None:
+async def run_recorder(*, recorder: Recorder, recorded: tuple[Recorded, ...], clock: Clock) -> None:
     """Record until cancelled."""
     async with asyncio.TaskGroup() as group:
         for source in recorded:
-            group.create_task(_record(recorder, source))
+            group.create_task(_record(recorder, source, clock))
 
 
-async def _record(recorder: Recorder, source: Recorded) -> None:
+async def _record(recorder: Recorder, source: Recorded, clock: Clock) -> None:
     while True:
         message = await source.items.get()
-        t_s = message.t_capture_s if hasattr(message, "t_capture_s") else message.t_s
-        recorder.write(source.topic, t_s, message)
+        recorder.write(source.topic, _time_s(message, clock), message)
+
+
+def _time_s(message: Any, clock: Clock) -> float:
+    """A message's own time; now, for one that carries none (a line for the phone)."""
+    own = getattr(message, "t_capture_s", getattr(message, "t_s", None))
+    return clock.now_s() if own is None else float(own)

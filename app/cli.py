@@ -1,0 +1,158 @@
+"""Typer commands: parse, call, print. No logic."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from app.errors import ConfigError
+from app.log import configure_logging
+from app.messages import CommandResult, OperatorAction
+
+cli = typer.Typer(
+    name="alight",
+    help="Lands a PX4 multirotor on a printed landmark, at rest or on a moving vehicle, with one downward camera.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Verbose = Annotated[bool, typer.Option("--verbose", help="Log at debug level.")]
+
+
+class Experiment(StrEnum):
+    """The paper's experiments."""
+
+    STATIC = "static"
+    CAR = "car"
+
+
+class PhoneAction(StrEnum):
+    """What a phone can ask."""
+
+    SEARCH = "search"
+    TRACK = "track"
+    LAND = "land"
+    HOLD = "hold"
+    ABORT = "abort"
+
+
+@cli.command()
+def demo(
+    experiment: Annotated[Experiment | None, typer.Option(help="One of the two; both without it.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of wind, light and the pad's place.")] = 1,
+    headless: Annotated[bool, typer.Option("--headless", help="No display that changes in place.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for results, figures and videos.")] = Path("flights/demo"),
+    verbose: Verbose = False,
+) -> None:
+    """Fly the paper's two experiments in the built-in simulator: a static pad, and a car at 13.5 km/h."""
+    from app.demo import EXPERIMENTS, run_demo
+    from app.wiring import CONFIGS, load_rig
+
+    configure_logging(verbose=verbose, quiet=not verbose)
+    console = Console(force_terminal=False if headless else None)
+    chosen = EXPERIMENTS if experiment is None else (experiment.value,)
+    found = run_demo(load_rig(CONFIGS / "simulator.toml"), chosen, seed, out, console)
+    if any(result["outcome"] != "landed" for result in found["experiments"]):
+        raise typer.Exit(1)
+
+
+@cli.command()
+def run(
+    config: Annotated[Path, typer.Option(help="Rig file, such as configs/sitl.toml.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the flight record; the rig's otherwise.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="End after the first mission.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Fly a rig: real hardware, or PX4 SITL with a camera rendered from its ground truth."""
+    from app.service import run_rig
+    from app.wiring import load_rig
+
+    configure_logging(verbose=verbose)
+    run_rig(load_rig(config), out, once, Console(stderr=True))
+
+
+@cli.command()
+def phone(
+    action: Annotated[PhoneAction, typer.Argument(help="What to ask for.")],
+    height: Annotated[float | None, typer.Option(min=0.5, max=50, help="Height over the pad to track at, m.")] = None,
+    address: Annotated[str, typer.Option(help="The rig's operator address.")] = "udpin://127.0.0.1:14590",
+) -> None:
+    """Command Alight as a phone does: COMMAND_LONG 31010 from a ground station of its own."""
+    from app.wiring import PhoneProgress, PhoneResult, PhoneText, tell
+
+    result: CommandResult | None = None
+    for event in tell(address, OperatorAction[action.name], height):
+        match event:
+            case PhoneProgress(percent):
+                typer.echo(f"in progress: {percent}%")
+            case PhoneText(text, _):
+                typer.echo(text)
+            case PhoneResult(final):
+                result = final
+                typer.echo(f"{action.value}: {final.name.lower()}")
+    raise typer.Exit(0 if result is CommandResult.ACCEPTED else 1)
+
+
+@cli.command()
+def check(
+    config: Annotated[Path, typer.Option(help="Rig file.")],
+    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to look at each part.")] = 3.0,
+) -> None:
+    """Look at a rig before a flight: files, camera, autopilot, phone link. Tells all faults at once."""
+    from app.service import check_rig
+    from app.wiring import load_rig
+
+    configure_logging(quiet=True)
+    faults = 0
+    for part, fault, detail in asyncio.run(check_rig(load_rig(config), seconds)):
+        faults += fault
+        typer.echo(f"{'FAULT' if fault else 'ok   '}  {part}: {detail}")
+    if faults:
+        raise ConfigError(f"{config}: {faults} fault(s)", "mend what is marked FAULT above")
+
+
+@cli.command()
+def landmark(
+    out: Annotated[Path, typer.Option(help="File to write: .pdf, .svg or .png.")],
+    size_cm: Annotated[float | None, typer.Option(min=2, max=2000, help="Side of the outermost contour.")] = None,
+    tile: Annotated[
+        Literal["a4", "a3", "letter"] | None, typer.Option(help="Cut into pages with overlap and crop marks.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="Pad file, such as configs/pads/paper-38cm.toml.")] = None,
+) -> None:
+    """Draw a landmark at true size, to be printed."""
+    from app.review.printing.draw import draw_landmark
+    from app.wiring import read_landmark
+
+    for path in draw_landmark(read_landmark(config, size_cm), out, tile=tile):
+        typer.echo(path)
+
+
+@cli.command()
+def detect(
+    paths: Annotated[list[Path], typer.Argument(help="Images, folders and videos.")],
+    camera: Annotated[Path, typer.Option(help="Camera file, such as configs/cameras/pi-fisheye-640.toml.")],
+    pad: Annotated[Path | None, typer.Option(help="Pad file; the paper's landmark of 38 cm without it.")] = None,
+    method: Annotated[Literal["pnp", "paper"], typer.Option(help="How the pose is worked out.")] = "pnp",
+    stills: Annotated[
+        bool | None, typer.Option("--stills/--sequence", help="Each image alone, or one after the other in time.")
+    ] = None,
+    json_lines: Annotated[bool, typer.Option("--json", help="One JSON line an image, nothing else.")] = False,
+    draw: Annotated[Path | None, typer.Option(help="Folder for the images with what was seen drawn on them.")] = None,
+) -> None:
+    """Find the landmark in images, folders and videos, and tell where it is."""
+    from app.wiring import inspect_files
+
+    configure_logging(quiet=True)
+    sequence = None if stills is None else not stills
+    for found in inspect_files(paths, camera=camera, pad=pad, method=method, sequence=sequence, draw=draw):
+        sys.stdout.write((found.to_json() if json_lines else found.to_text()) + "\n")
+        sys.stdout.flush()

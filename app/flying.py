@@ -1,0 +1,180 @@
+"""One flight from a terminal: starts what the rig needs (the simulator, where it is synthetic), runs the application,
+shows it, and reviews the record afterwards.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from app.channels import Latest
+from app.display import Display, Watched
+from app.errors import AlightError
+from app.messages import MissionReport, OperatorAction, Phase, VehicleState
+from app.runtime import Application
+from app.wiring import Rig, build_application, build_simulator
+
+REFRESH_S = 0.25
+READY_TIMEOUT_S = 60.0
+PHONE_TIMEOUT_S = 10.0
+ENDED = frozenset({Phase.LANDED, Phase.IDLE, Phase.HOLD})
+"""The phases in which a mission is over, once it has begun."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be flown.
+
+    Attributes:
+        title: For the display.
+        rig: The rig.
+        folder: Where record and truth go; it exists.
+        order: What the phone is to ask for; None: a person's own phone will.
+        once: End after the first mission.
+        timeout_s: End after this long in any case; None for never.
+    """
+
+    title: str
+    rig: Rig
+    folder: Path
+    order: OperatorAction | None = None
+    once: bool = False
+    timeout_s: float | None = None
+
+    @property
+    def record(self) -> Path:
+        """The flight record."""
+        return self.folder / "flight.mcap"
+
+    @property
+    def truth(self) -> Path:
+        """The simulator's log."""
+        return self.folder / "truth.jsonl"
+
+
+async def fly(plan: Plan, console: Console) -> dict[str, Any]:
+    """Fly a plan to its end.
+
+    Returns:
+        Figures of the processes: processor time of application and simulator in percent of one core.
+
+    Raises:
+        AlightError: Something doesn't open, or failed.
+    """
+    async with AsyncExitStack() as stack:
+        source, simulator = None, None
+        if plan.rig.config.camera.driver == "synthetic":
+            scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="alight-"))
+            source = str(Path(scratch) / "frames")
+            simulator = build_simulator(plan.rig, frames=Path(source), truth=plan.truth)
+            await stack.enter_async_context(simulator)
+        application = build_application(plan.rig, source=source, record=plan.record)
+        reports = application.reports.subscribe()
+        vehicle = application.vehicle.subscribe()
+        watched = Watched(
+            vehicle=application.vehicle.subscribe(),
+            detections=application.detections.subscribe(),
+            tracks=application.tracks.subscribe(),
+            statuses=application.statuses.subscribe(),
+            reports=application.reports.subscribe(),
+            texts=application.texts.subscribe(),
+        )
+        _stop_on_signals(application)
+        wall_s, own_s = time.monotonic(), _own_cpu_s()
+        simulated_s = _cpu_s(simulator.pid) if simulator is not None else 0.0
+        running = asyncio.create_task(application.run(), name="application")
+        with Display(plan.title, watched, console) as display:
+            try:
+                await _attend(plan, application, running, reports, vehicle, display)
+            finally:
+                application.stop()
+                await asyncio.wait([running])
+        running.result()
+        wall_s, own_s = time.monotonic() - wall_s, _own_cpu_s() - own_s
+        used = {"application": round(100 * own_s / wall_s, 1)}
+        if simulator is not None:
+            used["simulator"] = round(100 * (_cpu_s(simulator.pid) - simulated_s) / wall_s, 1)
+        return {"cpu_percent": used}
+
+
+async def _attend(
+    plan: Plan,
+    application: Application,
+    running: asyncio.Task[None],
+    reports: Latest[MissionReport],
+    vehicle: Latest[VehicleState],
+    display: Display,
+) -> None:
+    """Show the flight, let the phone speak when the vehicle is ready, and leave when it is over."""
+    start_s = time.monotonic()
+    phone: asyncio.Task[None] | None = None
+    begun = False
+    while not running.done():
+        now_s = time.monotonic()
+        display.refresh(now_s)
+        report, state = reports.newest, vehicle.newest
+        if phone is None and plan.order is not None and state is not None and state.armable and report is not None:
+            phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
+        if phone is None and plan.order is not None and now_s - start_s > READY_TIMEOUT_S:
+            raise AlightError("the vehicle did not become ready to arm", "look at the autopilot's own messages")
+        if phone is not None and phone.done() and phone.exception() is not None and not begun:
+            raise phone.exception() or AssertionError
+        if report is not None:
+            begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
+            if plan.once and begun and report.phase in ENDED and report.command is None:
+                break
+        if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
+            break
+        await asyncio.wait([running], timeout=REFRESH_S)
+    display.refresh(time.monotonic())
+    if phone is not None and not running.done():
+        await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)
+    if phone is not None and not phone.done():
+        phone.cancel()
+
+
+async def _phone(address: str, order: OperatorAction) -> None:
+    """`alight phone` as a process of its own: an independent ground station."""
+    command = [sys.executable, "-m", "app", "phone", order.name.lower(), "--address", address]
+    process = await asyncio.create_subprocess_exec(
+        *command, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+    )
+    try:
+        _, words = await process.communicate()
+    except asyncio.CancelledError:
+        process.terminate()
+        await process.wait()
+        raise
+    if process.returncode not in (0, 1):
+        raise AlightError(f"the phone failed: {words.decode(errors='replace').strip()}", "")
+
+
+def _stop_on_signals(application: Application) -> None:
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, application.stop)
+
+
+def _own_cpu_s() -> float:
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _cpu_s(pid: int) -> float:
+    """Processor time of another process so far; 0 where the system doesn't tell."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -1,0 +1,194 @@
+"""From a configuration to drivers, queues and tasks. The only file in app/ that imports drivers."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+
+from app.clock import MonotonicClock
+from app.config import LensConfig, PadConfig, RigConfig, WorldConfig, read_config, resolve
+from app.errors import ConfigError
+from app.estimation.fix import FixMaker, pose_estimator
+from app.estimation.height_table import read_height_table
+from app.estimation.mount import body_from_cam
+from app.landmark import Landmark, paper_landmark
+from app.messages import OperatorAction
+from app.ports import Autopilot, Camera
+from app.runtime import Application, Parts
+from app.tasks.compute import InThread
+from app.vision.camera_model import Lens, lens_from_config
+from app.vision.detector import Detector
+from drivers.autopilot.px4_mavsdk import Px4Autopilot
+from drivers.camera.opencv import OpenCvCamera
+from drivers.camera.picamera import PiCamera
+from drivers.camera.synthetic import SyntheticCamera
+from drivers.operator.mavlink import MavlinkOperator
+from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, send_command
+from drivers.recorder.mcap import McapRecorder
+from drivers.simulator.launcher import SimulatorProcess
+
+__all__ = [
+    "CONFIGS",
+    "PhoneEvent",
+    "PhoneProgress",
+    "PhoneResult",
+    "PhoneText",
+    "Rig",
+    "SimulatorProcess",
+    "build_application",
+    "build_simulator",
+    "load_rig",
+    "make_camera",
+    "open_autopilot",
+    "read_landmark",
+    "read_lens",
+    "tell",
+]
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+"""The configurations that ship."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A rig file and the files that it names, read and checked.
+
+    Attributes:
+        path: Of the rig file.
+        config: What it says.
+        landmark: Of its pad.
+        lens_config: Of its camera.
+        lens: The model of that.
+    """
+
+    path: Path
+    config: RigConfig
+    landmark: Landmark
+    lens_config: LensConfig
+    lens: Lens
+
+    def with_world(self, world: WorldConfig) -> Rig:
+        """The same in another simulated world."""
+        return replace(self, config=self.config.model_copy(update={"simulator": world}))
+
+    def on_free_ports(self) -> Rig:
+        """The same with both links on free UDP ports of this machine: beside a PX4 SITL or another simulator."""
+        with socket.socket(type=socket.SOCK_DGRAM) as one, socket.socket(type=socket.SOCK_DGRAM) as two:
+            one.bind(("127.0.0.1", 0))
+            two.bind(("127.0.0.1", 0))
+            addresses = [f"udpin://127.0.0.1:{free.getsockname()[1]}" for free in (one, two)]
+        autopilot = self.config.autopilot.model_copy(update={"address": addresses[0]})
+        operator = self.config.operator.model_copy(update={"address": addresses[1]})
+        return replace(self, config=self.config.model_copy(update={"autopilot": autopilot, "operator": operator}))
+
+
+def read_lens(path: Path) -> LensConfig:
+    """A camera file.
+
+    Raises:
+        ConfigError: It is missing or wrong.
+    """
+    return read_config(path, LensConfig)
+
+
+def read_landmark(path: Path | None, size_cm: float | None = None) -> Landmark:
+    """A pad file's landmark, or the paper's; at its own size or another.
+
+    Raises:
+        ConfigError: The file is missing or wrong.
+        LandmarkError: It can't be drawn.
+    """
+    if path is None:
+        return paper_landmark(0.38 if size_cm is None else size_cm / 100.0)
+    return read_config(path, PadConfig).landmark(size_cm)
+
+
+def load_rig(path: Path) -> Rig:
+    """A rig file with everything that it names.
+
+    Raises:
+        ConfigError: A file is missing or wrong.
+        LandmarkError: The pad can't be drawn.
+    """
+    config = read_config(path, RigConfig)
+    lens_config = read_lens(resolve(path, config.camera.lens))
+    landmark = read_landmark(resolve(path, config.pad))
+    return Rig(path, config, landmark, lens_config, lens_from_config(lens_config))
+
+
+def make_camera(rig: Rig, source: str | None = None) -> Camera:
+    """The rig's camera; `source` replaces the configured one."""
+    camera = rig.config.camera if source is None else rig.config.camera.model_copy(update={"source": source})
+    size = (rig.lens_config.width_px, rig.lens_config.height_px)
+    match camera.driver:
+        case "picamera2":
+            return PiCamera(camera, size)
+        case "opencv":
+            return OpenCvCamera(camera, size)
+        case "synthetic":
+            return SyntheticCamera(camera.source)
+
+
+def open_autopilot(rig: Rig) -> Autopilot:
+    """The rig's autopilot link, not yet open."""
+    return Px4Autopilot(rig.config.autopilot)
+
+
+def build_application(rig: Rig, *, source: str | None = None, record: Path | None = None) -> Application:
+    """The application for a rig, ready to run.
+
+    Args:
+        rig: What it is made of.
+        source: Replaces the camera's configured source.
+        record: Flight record to write; None for none.
+    """
+    config = rig.config
+    cv2.setNumThreads(1)  # one thread of vision's own; the other cores belong to the rest
+    table = None
+    if config.vision.height_table:
+        table = read_height_table(resolve(rig.path, config.vision.height_table))
+    autopilot = Px4Autopilot(config.autopilot)
+    recorder = None
+    if record is not None:
+        recorder = McapRecorder(
+            record, jpeg_quality=config.recorder.jpeg_quality, frame_rate_hz=config.recorder.frame_rate_hz
+        )
+    parts = Parts(
+        config=config,
+        camera=lambda: make_camera(rig, source),
+        autopilot=autopilot,
+        operator=MavlinkOperator(config.operator, autopilot),
+        recorder=recorder,
+        detector=Detector(rig.landmark, rig.lens, config.vision),
+        make_fix=FixMaker(
+            pose_estimator(rig.landmark, rig.lens, config.vision.method, table), body_from_cam(config.camera)
+        ),
+        clock=MonotonicClock(),
+        compute=InThread(),
+    )
+    return Application(parts)
+
+
+def build_simulator(rig: Rig, *, frames: Path, truth: Path) -> SimulatorProcess:
+    """The simulator for a rig with a [simulator] table.
+
+    Raises:
+        ConfigError: It has none.
+    """
+    if rig.config.simulator is None:
+        raise ConfigError(f"{rig.path}: camera.driver is synthetic and there is no [simulator]", "add that table")
+    companion = rig.config.autopilot.address.rpartition("//")[2]
+    return SimulatorProcess(rig.path, frames, truth, world=rig.config.simulator, companion=companion)
+
+
+def tell(address: str, action: OperatorAction, height_m: float | None) -> Iterator[PhoneEvent]:
+    """Give an order as the phone, and what comes back.
+
+    Raises:
+        OperatorError: Nobody answers.
+    """
+    return send_command(address, action, height_m)
