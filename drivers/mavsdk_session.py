@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import functools
 import json
 import math
 import os
@@ -63,6 +64,12 @@ def _to_log(level: LogLevel, message: str, file: str | None, line: int) -> bool:
     except Exception:  # the stream may be closed while the process ends
         return True
     return True
+
+
+@functools.cache
+def _redirect_log() -> None:
+    """Once a process: replacing the callback would free it under a thread of another instance that is in it."""
+    log_subscribe(_to_log)
 
 
 def check_address(address: str, error: type[AlightError]) -> None:
@@ -162,7 +169,7 @@ class MavsdkSession:
         Raises:
             AlightError: The address can't work.
         """
-        log_subscribe(_to_log)
+        _redirect_log()
         await asyncio.to_thread(check_address, self.address, self._error)
         configuration = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
         configuration.system_id, configuration.component_id = self.system_id, COMPONENT_ID

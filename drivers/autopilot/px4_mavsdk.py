@@ -49,7 +49,7 @@ _log = get_logger("autopilot")
 
 
 class Px4Autopilot:
-    """PX4 on a MAVLink address. Its times, and those of setpoints, are CLOCK_MONOTONIC (time.monotonic).
+    """PX4 on a MAVLink address, opened once. Its times, and those of setpoints, are CLOCK_MONOTONIC (time.monotonic).
 
     Args:
         config: Address, rates and time limits.
@@ -275,6 +275,7 @@ class Px4Autopilot:
                     self._note(event.message.strip())
 
     def _note(self, words: str) -> None:
+        words = "; ".join(line.strip("- ") for line in words.splitlines())
         self._words.append((time.monotonic(), words))
         self._spoke.set()
         _log.info("autopilot.said", words=words)

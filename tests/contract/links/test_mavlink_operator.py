@@ -56,6 +56,14 @@ async def test_operator_order_reaches_the_application_with_action_height_and_sen
     assert before_s <= command.t_s <= time.monotonic()
 
 
+async def test_operator_order_as_a_command_int_is_the_same_order(link: OperatorLink, ground_station: Any) -> None:
+    fields = (1, 191, 0, 31010, 0, 0, TRACK, 2.5, float("nan"), float("nan"), 0, 0, float("nan"))
+    ground_station.send(ground_station.mav.command_int_encode(*fields))
+    command = await next_command(link)
+    assert (command.action, command.height_m) == (OperatorAction.TRACK, 2.5)
+    await wait(ground_station.wait_for_ack, 5)
+
+
 async def test_operator_order_pending_is_answered_in_progress_again_until_the_outcome(
     link: OperatorLink, ground_station: Any
 ) -> None:
