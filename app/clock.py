@@ -41,6 +41,10 @@ class LoopClock:
         return asyncio.get_running_loop().time()
 
 
+LAST_WAKE_S = 0.5
+"""Real seconds, when nothing else can happen any more."""
+
+
 class _VirtualSelector(selectors.SelectSelector):
     """Never blocks: where a real selector would sleep, the virtual time jumps."""
 
@@ -50,6 +54,10 @@ class _VirtualSelector(selectors.SelectSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is None:
+            # The loop's own end waits for its executor's threads, which wake it through a socket: real, but short.
+            ready = super().select(LAST_WAKE_S)
+            if ready:
+                return ready
             raise RuntimeError("virtual time: every task waits and no timer is set, so nothing would ever happen")
         if timeout > 0:
             self._advance(timeout)
