@@ -1,0 +1,179 @@
+"""The control loop: its period, and when it is silent. No setpoint outlives what it rests on."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.channels import Topic
+from app.clock import run_virtual
+from app.config import EstimationConfig, GuidanceConfig, SafetyConfig
+from app.guidance.velocity import VelocityController
+from app.messages import ControlTurn, Goal, GoalKind, GoalOrder, GuidanceStatus, PadTrack, VehicleState
+from app.tasks.control import run_control
+
+SAFETY = SafetyConfig(setpoint_gap_max_s=0.3, vehicle_state_stale_s=0.5, track_stale_s=0.5)
+STAY, HOVER = Goal(GoalKind.STAY, number=1), Goal(GoalKind.HOVER, 3.0, number=1)
+
+
+class Bench:
+    """The loop with its queues; `hold` keeps topics fresh until the times given."""
+
+    def __init__(self, fakes: Any) -> None:
+        self.fakes, self.autopilot = fakes, fakes.Autopilot()
+        self.orders: Topic[GoalOrder] = Topic("orders")
+        self.tracks: Topic[PadTrack] = Topic("tracks")
+        self.vehicle: Topic[VehicleState] = Topic("vehicle")
+        self.statuses: Topic[GuidanceStatus] = Topic("statuses")
+        self.turns: Topic[ControlTurn] = Topic("turns")
+        self.seen_turns = self.turns.subscribe_all(4096)
+        self.alive = 0
+        self.state = fakes.vehicle()
+        self.loop = run_control(
+            orders=self.orders.subscribe(),
+            tracks=self.tracks.subscribe(),
+            vehicle=self.vehicle.subscribe(),
+            statuses=self.statuses,
+            turns=self.turns,
+            controller=VelocityController(GuidanceConfig(), SAFETY),
+            autopilot=self.autopilot,
+            safety=SAFETY,
+            estimation=EstimationConfig(fixes_before_confident=5),
+            rate_hz=50.0,
+            clock=fakes.clock,
+            alive=self.count,
+        )
+
+    def count(self) -> None:
+        self.alive += 1
+
+    async def fly(
+        self,
+        seconds: float,
+        goal: Goal = STAY,
+        *,
+        orders_s: float = 1e9,
+        states_s: float = 1e9,
+        pad: PadTrack | None = None,
+    ) -> None:
+        """Feed the loop every 10 ms; no order after `orders_s`, no vehicle state after `states_s`."""
+        until_s = self.fakes.clock.now_s() + seconds
+        while self.fakes.clock.now_s() < until_s - 1e-9:
+            now_s = self.fakes.clock.now_s()
+            if now_s <= orders_s:
+                self.orders.publish(GoalOrder(now_s, goal))
+            if now_s <= states_s:
+                self.vehicle.publish(self.fakes.vehicle_at(self.state, now_s))
+            if pad is not None:
+                self.tracks.publish(self.fakes.track(now_s, float(pad.pos_ned_m[0]), pad.fixes_accepted))
+            await asyncio.sleep(0.01)
+
+    def sent_s(self) -> np.ndarray:
+        return np.array([t_s for t_s, _ in self.autopilot.setpoints])
+
+
+def fly(fakes: Any, scenario: Any) -> Bench:
+    async def main() -> Bench:
+        bench = Bench(fakes)
+        async with fakes.running(bench.loop):
+            await scenario(bench)
+        return bench
+
+    return run_virtual(main(), start_s=10.0)
+
+
+def test_control_sends_fifty_setpoints_a_second_and_is_alive_at_each_turn(fakes: Any):
+    bench = fly(fakes, lambda b: b.fly(2.0))
+    np.testing.assert_allclose(np.diff(bench.sent_s()), 0.02, atol=1e-9)
+    assert 98 <= len(bench.autopilot.setpoints) <= 100
+    assert bench.alive == bench.seen_turns.qsize()
+
+
+def test_control_is_silent_without_an_order(fakes: Any):
+    bench = fly(fakes, lambda b: b.fly(1.0, orders_s=0.0))
+    assert bench.autopilot.setpoints == [] and bench.alive >= 49
+
+
+def test_control_is_silent_when_the_order_says_so(fakes: Any):
+    assert fly(fakes, lambda b: b.fly(1.0, Goal())).autopilot.setpoints == []
+
+
+def test_control_falls_silent_when_the_mission_no_longer_renews_its_order(fakes: Any):
+    bench = fly(fakes, lambda b: b.fly(2.0, orders_s=11.0))
+    assert 11.0 + 0.26 <= bench.sent_s().max() <= 11.0 + 0.3
+    assert bench.alive >= 98
+
+
+def test_control_falls_silent_when_the_vehicle_state_is_old(fakes: Any):
+    bench = fly(fakes, lambda b: b.fly(2.0, states_s=11.0))
+    assert 11.0 + 0.46 <= bench.sent_s().max() <= 11.0 + 0.5
+
+
+@pytest.mark.parametrize("bad", [{"pos_ned_m": np.array([0.0, math.nan, 0.0])}, {"vel_ned_m_s": np.full(3, math.inf)}])
+def test_control_is_silent_on_a_vehicle_state_that_is_not_finite(fakes: Any, bad):
+    async def scenario(bench: Bench) -> None:
+        await bench.fly(0.5)
+        bench.state = fakes.vehicle(**bad)
+        await bench.fly(0.5)
+        bench.state = fakes.vehicle()
+        await bench.fly(0.5)
+
+    sent_s = fly(fakes, scenario).sent_s()
+    assert not np.any((sent_s > 10.51) & (sent_s < 11.0))
+    assert np.any(sent_s > 11.0)
+
+
+def test_control_after_a_blocked_link_makes_up_for_nothing(fakes: Any):
+    async def scenario(bench: Bench) -> None:
+        await bench.fly(0.5)
+        bench.autopilot.send_takes_s = 0.2
+        await bench.fly(0.2)
+        bench.autopilot.send_takes_s = 0.0
+        await bench.fly(0.5)
+
+    gaps = np.diff(fly(fakes, scenario).sent_s())
+    assert gaps.max() == pytest.approx(0.2, abs=0.021)
+    assert np.sum(gaps < 0.0199) <= 2
+
+
+def test_control_follows_no_track_that_has_just_begun(fakes: Any):
+    far = fakes.track(0.0, north_m=5.0, fixes=4)
+    bench = fly(fakes, lambda b: b.fly(1.0, HOVER, pad=far))
+    assert max(abs(float(s.vel_ned_m_s[0])) for _, s in bench.autopilot.setpoints) == 0.0
+
+
+def test_control_follows_a_track_of_enough_fixes(fakes: Any):
+    far = fakes.track(0.0, north_m=5.0, fixes=5)
+    bench = fly(fakes, lambda b: b.fly(1.0, HOVER, pad=far))
+    assert bench.autopilot.setpoints[-1][1].vel_ned_m_s[0] > 1.0
+
+
+def test_control_begins_the_next_flight_from_rest_and_from_the_heading_it_finds(fakes: Any):
+    """After a flight towards a pad and a pause without a goal, the first setpoint knows nothing of that flight."""
+
+    async def scenario(bench: Bench) -> None:
+        await bench.fly(2.0, HOVER, pad=fakes.track(0.0, north_m=9.0))
+        await bench.fly(0.1, Goal(number=2))
+        half = math.pi / 4
+        bench.state = fakes.vehicle(q_ned_from_body_wxyz=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]))
+        await bench.fly(0.1, Goal(GoalKind.STAY, number=3))
+
+    bench = fly(fakes, scenario)
+    first = next(s for t_s, s in bench.autopilot.setpoints if t_s > 12.1)
+    np.testing.assert_array_equal(first.vel_ned_m_s, 0.0)
+    assert first.yaw_ned_rad == pytest.approx(math.pi / 2, abs=math.radians(1.0))  # it turns to the pad from there
+
+
+def test_control_tells_the_latency_of_each_fix_once(fakes: Any):
+    async def scenario(bench: Bench) -> None:
+        await bench.fly(0.2, HOVER)
+        bench.tracks.publish(fakes.track(fakes.clock.now_s() - 0.05))
+        await bench.fly(0.2, HOVER)
+
+    turns = fly(fakes, scenario).seen_turns.drain()
+    told = [turn.fix_latency_s for turn in turns if turn.fix_latency_s is not None]
+    assert len(told) == 1 and 0.05 <= told[0] <= 0.071

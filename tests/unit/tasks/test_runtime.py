@@ -1,0 +1,255 @@
+"""The application as a whole on ports that do as they are told: restarts, failures, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.channels import Topic
+from app.clock import run_virtual
+from app.config import CameraConfig, RigConfig
+from app.errors import AlightError, CameraError
+from app.messages import (
+    AutopilotAction,
+    CommandResult,
+    Detection,
+    FlightMode,
+    Frame,
+    LandedState,
+    MissionReport,
+    OperatorAction,
+    OperatorCommand,
+    Phase,
+)
+from app.runtime import RESTARTS_MAX, Application, Parts
+from app.tasks.compute import in_place
+
+A, C = AutopilotAction, CommandResult
+RIG = RigConfig(camera=CameraConfig(driver="synthetic", lens="lens.toml"), pad="pad.toml")
+
+
+class Blind:
+    """A detector that never finds anything; `broken` makes it fail."""
+
+    broken = False
+
+    def detect(self, frame: Frame) -> Detection:
+        if self.broken:
+            raise ZeroDivisionError("one odd frame")
+        return Detection(frame.t_capture_s, frame.sequence, reason="no dark square")
+
+
+@pytest.fixture(autouse=True)
+def _unfrozen() -> Iterator[None]:
+    """The application freezes what the garbage collector looks at; a test run must not."""
+    yield
+    gc.unfreeze()
+
+
+class Bench:
+    """The application and its ports. The vehicle is in the air in hold, and does at once what it is asked."""
+
+    def __init__(self, fakes: Any, *, frames: int = 10**9) -> None:
+        self.fakes = fakes
+        flying = {"armed": True, "landed": LandedState.IN_AIR, "mode": FlightMode.HOLD}
+        self.autopilot = fakes.Autopilot(fakes.vehicle(**flying))
+        self.operator, self.recorder, self.detector = fakes.Operator(), fakes.Recorder(), Blind()
+        self.cameras: list[Any] = []
+        self.frames = frames
+        self.application = Application(
+            Parts(
+                config=RIG,
+                camera=self.camera,
+                autopilot=self.autopilot,
+                operator=self.operator,
+                recorder=self.recorder,
+                detector=self.detector,  # type: ignore[arg-type]
+                make_fix=lambda detection, state: None,
+                clock=fakes.clock,
+                compute=in_place,
+            )
+        )
+        self.reports: Topic[MissionReport] = self.application.reports
+        self.last = self.reports.subscribe()
+
+    def camera(self) -> Any:
+        self.cameras.append(self.fakes.Camera(self.frames))
+        return self.cameras[-1]
+
+    async def obey(self) -> None:
+        """Modes follow the actions, 0.1 s later."""
+        done = 0
+        while True:
+            await asyncio.sleep(0.1)
+            modes = {A.OFFBOARD: FlightMode.OFFBOARD, A.HOLD: FlightMode.HOLD, A.RETURN: FlightMode.RETURN}
+            for _, action in self.autopilot.actions[done:]:
+                state = self.autopilot.state
+                fields = {name: getattr(state, name) for name in type(state).__slots__}
+                self.autopilot.state = type(state)(**{**fields, "mode": modes.get(action, state.mode)})
+            done = len(self.autopilot.actions)
+
+    def order(self, action: OperatorAction, number: int = 1) -> None:
+        self.operator.orders.emit(OperatorCommand(0.0, action, None, (255, 190), number))
+
+    def results(self) -> list[CommandResult]:
+        return [answer.result for answer in self.operator.answers]
+
+    def asked(self) -> list[AutopilotAction]:
+        return [action for _, action in self.autopilot.actions]
+
+
+def fly(fakes: Any, scenario: Any, **changes: Any) -> tuple[Bench, BaseException | None]:
+    """Run the application through a scenario; what it ended with, if not in good order."""
+
+    async def main() -> tuple[Bench, BaseException | None]:
+        bench = Bench(fakes, **changes)
+        async with fakes.running(bench.obey()):
+            run = asyncio.create_task(bench.application.run())
+            await scenario(bench, run)
+            outcome = await asyncio.gather(run, return_exceptions=True)
+        return bench, outcome[0]
+
+    return run_virtual(main(), start_s=100.0)
+
+
+async def searching(bench: Bench) -> None:
+    bench.order(OperatorAction.SEARCH)
+    await asyncio.sleep(2.0)
+    assert bench.last.newest is not None and bench.last.newest.phase is Phase.SEARCH
+    assert bench.autopilot.state.mode is FlightMode.OFFBOARD
+
+
+async def stop_while_steering(bench: Bench, run: asyncio.Task[None]) -> None:
+    await asyncio.sleep(0.5)
+    await searching(bench)
+    bench.application.stop()
+
+
+def test_stop_while_steering_holds_answers_the_command_and_closes_every_port(fakes: Any):
+    bench, outcome = fly(fakes, stop_while_steering)
+    assert outcome is None
+    assert bench.asked() == [A.OFFBOARD, A.HOLD]
+    assert bench.results() == [C.IN_PROGRESS, C.CANCELLED]
+    assert not any(port.is_open for port in (bench.autopilot, bench.operator, bench.recorder, *bench.cameras))
+
+
+def test_stop_while_steering_ends_the_setpoints_with_the_hold(fakes: Any):
+    bench, _ = fly(fakes, stop_while_steering)
+    held_s = bench.autopilot.actions[-1][0]
+    assert held_s - 0.021 <= bench.autopilot.setpoints[-1][0] <= held_s + 0.3
+
+
+def test_stop_with_nothing_to_steer_asks_for_nothing(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(1.0)
+        bench.application.stop()
+
+    bench, outcome = fly(fakes, scenario)
+    assert (outcome, bench.asked(), bench.autopilot.setpoints) == (None, [], [])
+
+
+def test_stop_when_the_pilot_has_just_taken_over_takes_nothing_from_him(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        state = bench.autopilot.state
+        fields = {name: getattr(state, name) for name in type(state).__slots__}
+        bench.autopilot.state = type(state)(**{**fields, "mode": FlightMode.POSITION})
+        await asyncio.sleep(0.02)
+        bench.application.stop()
+
+    assert fly(fakes, scenario)[0].asked() == [A.OFFBOARD]
+
+
+def test_cancelled_while_steering_holds_too(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        run.cancel()
+
+    bench, outcome = fly(fakes, scenario)
+    assert isinstance(outcome, asyncio.CancelledError)
+    assert bench.asked() == [A.OFFBOARD, A.HOLD]
+    assert bench.results() == [C.IN_PROGRESS, C.CANCELLED]
+
+
+def test_telemetry_that_ends_while_steering_ends_the_application_which_holds(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        bench.autopilot.states_end_s = fakes.clock.now_s()
+
+    bench, outcome = fly(fakes, scenario)
+    assert isinstance(outcome, AlightError) and "telemetry ended" in outcome.what
+    assert bench.asked() == [A.OFFBOARD, A.HOLD]
+    assert bench.results() == [C.IN_PROGRESS, C.CANCELLED]
+
+
+def test_hold_that_px4_refuses_at_the_end_is_not_the_end_of_the_ending(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        bench.autopilot.refuses = {A.HOLD}
+        bench.application.stop()
+
+    bench, outcome = fly(fakes, scenario)
+    assert outcome is None and not bench.autopilot.is_open
+
+
+def test_camera_that_fails_is_opened_again_a_bounded_number_of_times(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(60.0)
+
+    bench, outcome = fly(fakes, scenario, frames=10)
+    assert isinstance(outcome, CameraError)
+    assert len(bench.cameras) == RESTARTS_MAX + 1
+    assert [text for text in bench.operator.texts if "camera" in text] == [
+        f"camera failed, restart {n}" for n in range(1, RESTARTS_MAX + 1)
+    ]
+
+
+def test_camera_that_never_gave_a_frame_ends_the_application_at_once(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(1.0)
+
+    bench, outcome = fly(fakes, scenario, frames=0)
+    assert isinstance(outcome, CameraError) and len(bench.cameras) == 1
+
+
+def test_detector_that_fails_on_an_odd_frame_goes_on_with_the_next(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(1.0)
+        bench.detector.broken = True
+        await asyncio.sleep(0.1)
+        bench.detector.broken = False
+        await asyncio.sleep(3.0)
+        bench.application.stop()
+
+    bench, outcome = fly(fakes, scenario)
+    assert outcome is None
+    assert max(t_s for topic, t_s in bench.recorder.written if topic == "detections") > 103.9
+
+
+def test_recorder_that_is_full_ends_no_flight(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        bench.recorder.full = True
+        await asyncio.sleep(20.0)
+        assert bench.last.newest is not None and bench.last.newest.phase is Phase.SEARCH
+        bench.application.stop()
+
+    bench, outcome = fly(fakes, scenario)
+    assert outcome is None
+    assert bench.operator.texts.count("recorder failed for good") == 1
+
+
+def test_setpoints_of_a_whole_flight_keep_their_period(fakes: Any):
+    bench, _ = fly(fakes, stop_while_steering)
+    gaps = np.diff([t_s for t_s, _ in bench.autopilot.setpoints])
+    np.testing.assert_allclose(gaps, 0.02, atol=1e-9)
