@@ -64,6 +64,7 @@ def test_virtual_time_same_flight_twice_gives_the_same_instants():
     assert run_virtual(instants()) == run_virtual(instants())
 
 
+@pytest.mark.leaves_tasks
 def test_virtual_time_when_all_wait_for_ever_says_so_instead_of_hanging():
     async def deadlock() -> None:
         await asyncio.Event().wait()
