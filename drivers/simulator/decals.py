@@ -1,4 +1,4 @@
-"""Flat pictures that lie in the scene at a height of their own: the landmark's board, shadows, the van's panels.
+"""Flat pictures that lie in the scene at a height of their own: shadows, the van's panels, the lane's line.
 
 A decal holds (reflectance times alpha, alpha), so that what is under it shows where alpha is less than 1 and its rim
 is anti-aliased; and smaller copies of itself for the distance.
@@ -8,23 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from app.landmark import Landmark
 
 Plane = NDArray[np.float32]
 
 BLACK = 0.045
 """Reflectance of black print on paper."""
 WHITE = 0.78
-BOARD_MARGIN = 1.30
-"""The landmark's picture is this much wider than its quiet zone, for the board's shadow."""
-BOARD_THICKNESS_M = 0.015
-LANDMARK_TEXELS = 1536
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,44 +94,6 @@ def inside(forward: Plane, right: Plane, corners: NDArray[np.float64], soft_m: f
 def rectangle(front: float, right: float, back: float, left: float) -> NDArray[np.float64]:
     """(4, 2) corners, clockwise from above."""
     return np.array([[front, left], [front, right], [back, right], [back, left]])
-
-
-def landmark_decal(landmark: Landmark, sun_forward: float, sun_right: float) -> Decal:
-    """The printed landmark on its board, in the pad frame.
-
-    Args:
-        landmark: What is printed.
-        sun_forward: Horizontal way to the sun over its height (cot of its elevation), along the pad's forward.
-        sun_right: The same along the pad's right.
-    """
-    shapes = tuple((contour.black, tuple(map(tuple, contour.corners_m.tolist()))) for contour in landmark.contours)
-    return _print(shapes, landmark.quiet_zone_m, round(sun_forward, 4), round(sun_right, 4))
-
-
-@lru_cache(maxsize=8)
-def _print(
-    shapes: tuple[tuple[bool, tuple[tuple[float, ...], ...]], ...],
-    quiet_zone_m: float,
-    sun_forward: float,
-    sun_right: float,
-) -> Decal:
-    """The same from values that can be remembered by."""
-    half = quiet_zone_m * BOARD_MARGIN / 2.0
-    texel = 2.0 * half / LANDMARK_TEXELS
-    forward, right = grid(LANDMARK_TEXELS, LANDMARK_TEXELS, texel, half, -half)
-    zone = quiet_zone_m / 2.0
-    square = rectangle(zone, zone, -zone, -zone)
-    board = inside(forward, right, square, texel)
-    value = np.full(forward.shape, WHITE, dtype=np.float32)
-    for black, corners in shapes:
-        paint(value, inside(forward, right, np.array(corners), texel), BLACK if black else WHITE)
-    # The board's own shadow falls away from the sun; round all of it the light is a little less.
-    away = (-sun_forward * BOARD_THICKNESS_M, -sun_right * BOARD_THICKNESS_M)
-    shadow = inside(forward, right, square + np.array(away), 0.006)
-    gloom = inside(forward, right, square, 0.05)
-    alpha = np.maximum(board, np.maximum(0.55 * shadow, 0.22 * gloom)).astype(np.float32)
-    light = np.where(alpha > 0.0, board / np.maximum(alpha, 1e-6), 0.0)
-    return decal((value * light).astype(np.float32), alpha, texel, half, -half)
 
 
 def paint(value: Plane, cover: Plane, shade: float) -> None:

@@ -66,6 +66,14 @@ class Lens:
         side = np.where(radius > 1e-12, np.sin(theta) / np.maximum(radius, 1e-12), 1.0)
         return np.dstack([a * side, b * side, np.cos(theta)]).astype(np.float32)
 
+    @staticmethod
+    def pixel_angle(rays: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(height, width) square root of each pixel's solid angle, rad, of directions (height, width, 3)."""
+        down, across = np.gradient(rays.astype(np.float64), axis=(0, 1))
+        area = np.linalg.norm(np.cross(across, down), axis=2)
+        result: NDArray[np.float32] = np.sqrt(np.maximum(area, 1e-12)).astype(np.float32)
+        return result
+
     def _brown(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Distorted tangents of undistorted ones."""
         k1, k2, p1, p2, k3 = self._k

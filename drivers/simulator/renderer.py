@@ -20,8 +20,9 @@ from app.config import CameraConfig, LensConfig, WorldConfig
 from app.frames import BODY_FROM_CAM_DOWN, rotation_from_euler, rotation_from_quaternion
 from app.landmark import Landmark
 from app.messages import Image
-from drivers.simulator.decals import Decal, landmark_decal, outline
+from drivers.simulator.decals import Decal, outline
 from drivers.simulator.lens import Lens
+from drivers.simulator.print import board_shadow, paint_layer, print_layers
 from drivers.simulator.scene import drone_shadow, lane_mark
 from drivers.simulator.sensor import Sensor
 from drivers.simulator.textures import LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
@@ -100,6 +101,7 @@ class Renderer:
         self._lens = Lens(lens)
         rays = self._lens.rays()
         self._rays = tuple(np.ascontiguousarray(rays[..., k]) for k in range(3))
+        self._angle = self._lens.pixel_angle(rays)
         self._sensor = Sensor(rays, world.noise_dn, world.seed)
         self._ground = ground(world.ground, 1 + world.seed % 4)
         self._exposure_s = world.exposure_ms / 1e3
@@ -117,7 +119,8 @@ class Renderer:
         self._sun = (reach * math.cos(azimuth), reach * math.sin(azimuth))
         turn = azimuth - math.radians(world.motion.heading_deg)
         sun_on_pad = (reach * math.cos(turn), reach * math.sin(turn))
-        self._pad = landmark_decal(landmark, *sun_on_pad)
+        self._layers = print_layers(landmark)
+        self._board_shadow = board_shadow(landmark, *sun_on_pad)
         motion = world.motion
         self._van: Van | None = None
         if motion.height_m >= CARRIER_FROM_M:
@@ -193,7 +196,8 @@ class Renderer:
             for panel in self._van.panels:
                 place = (pad.north_m, pad.east_m, pad.heading_rad)
                 self._lay(light, view, panel.picture, place, panel.height_m)
-        self._lay(light, view, self._pad, (pad.north_m, pad.east_m, pad.heading_rad), -pad.down_m)
+        self._lay(light, view, self._board_shadow, (pad.north_m, pad.east_m, pad.heading_rad), -pad.down_m)
+        self._draw_landmark(light, view)
         self._draw_drone_shadow(light, view, -pad.down_m)
         return light
 
@@ -288,6 +292,27 @@ class Renderer:
         under *= np.float32(1.0) - alpha
         if picture.values:
             under += _sample(picture.values[level], u, v, factor)
+
+    def _draw_landmark(self, light: Plane, view: _View) -> None:
+        """The board and the contours on it."""
+        pad = view.truth.pad
+        above = pad.down_m - float(view.position[2])
+        if above < 0.02:
+            return
+        c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
+        forward, right = pad.offset_m(float(view.position[0]), float(view.position[1]))
+        scale = np.array([[above * c, above * s, forward], [-above * s, above * c, right]])
+        for layer in self._layers:
+            rim = layer.rim_m @ np.array([[c, s], [-s, c]]) + (pad.north_m, pad.east_m)
+            box = self._box(view, rim, pad.down_m)
+            if box is None:
+                return  # the contours inside are out of sight too
+            u0, v0, u1, v1 = box
+            north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
+            # A pixel's solid angle on a plane under a slant: its side grows by (1 + slope^2)^(3/4).
+            stretch = np.sqrt(1.0 + north * north + east * east)
+            per_pixel = 1.0 / (np.float32(above) * self._angle[v0:v1, u0:u1] * stretch * np.sqrt(stretch))
+            paint_layer(light[v0:v1, u0:u1], layer, (north, east), scale, per_pixel)
 
     def _box(self, view: _View, rim: Array, down: float) -> tuple[int, int, int, int] | None:
         """(u0, v0, u1, v1), half open, that an outline (n, 2) at a depth may cover in the image; None: nothing."""

@@ -16,8 +16,8 @@ from app.messages import Image
 from drivers.simulator.textures import Plane
 
 LENS_BLUR_PX = 0.55
-TARGET = 0.135
-"""Mean light after the gain, of full scale: a grey level of 94."""
+TARGET = 0.11
+"""Mean light after the gain, of full scale: a grey level of 85."""
 GAIN_RANGE = (0.3, 12.0)
 SETTLING = 0.08
 """Share of the error that the gain makes up in a frame."""
@@ -51,14 +51,15 @@ class Sensor:
         """(height, width) uint8 of the light (height, width), which is overwritten."""
         work = self._work
         cv2.multiply(light, self._vignette, dst=light)
-        mean = float(cv2.mean(light)[0])
+        height, width = light.shape
+        # Metered in the middle, as cameras do: the dark corners of a fisheye tell nothing.
+        mean = float(cv2.mean(light[height // 4 : 3 * height // 4, width // 4 : 3 * width // 4])[0])
         wanted = min(GAIN_RANGE[1], max(GAIN_RANGE[0], TARGET / max(mean, 1e-4)))
         self._gain = wanted if self._gain is None else self._gain * (wanted / self._gain) ** SETTLING
         cv2.GaussianBlur(light, (5, 5), LENS_BLUR_PX, dst=work)
         np.multiply(work, np.float32(self._gain * 255.0 * 255.0), out=work)
         cv2.sqrt(work, dst=work)
         row, column = (int(v) for v in self._source.integers(0, NOISE_MARGIN, 2))
-        height, width = work.shape
         noise: NDArray[np.float32] = self._noise[row : row + height, column : column + width]
         if self._source.integers(2):
             cv2.add(work, noise, dst=work)
