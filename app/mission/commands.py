@@ -19,7 +19,7 @@ from app.messages import (
     Phase,
     Severity,
 )
-from app.mission.states import ACTIVE, HANDED_OVER, MissionInputs, MissionState, Reason, Transition
+from app.mission.states import ACTIVE, HANDED_OVER, NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
 from app.mission.transitions import enter_search, go, guidance_of, numbered
 
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.5, 50.0
@@ -105,7 +105,7 @@ def _begin(
             ground = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])
             fresh = replace(fresh, home_ned_m=ground)
         return enter_search(fresh, vehicle, Reason.ALREADY_FLYING, now_s)
-    if not vehicle.armed and not vehicle.armable:
+    if not vehicle.armed and not vehicle.armable and vehicle.mode not in NO_ARMING_IN:
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.NOT_ARMABLE.value)
     home = np.array(vehicle.pos_ned_m)
     return go(fresh, Phase.TAKEOFF, Reason.COMMANDED, now_s, home_ned_m=home, entry_mode=vehicle.mode)

@@ -21,7 +21,7 @@ from app.messages import (
     VehicleState,
 )
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
-from app.mission.states import MissionInputs, MissionState, Reason, Transition
+from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
 from app.mission.transitions import ask, enter_search, fail, go, guidance_of, numbered
 
 SETTLED_ERROR_M = 0.4
@@ -69,7 +69,7 @@ def _takeoff(state: MissionState, vehicle: VehicleState, now_s: float, config: M
     if not vehicle.armed:
         if state.takeoff_accepted:  # armed, took the command, and disarmed again: PX4 gave up
             return go(state, Phase.IDLE, Reason.DISARMED, now_s, result=CommandResult.FAILED)
-        return ask(state, AutopilotAction.ARM, now_s)
+        return ask(state, AutopilotAction.HOLD if vehicle.mode in NO_ARMING_IN else AutopilotAction.ARM, now_s)
     if not state.takeoff_accepted:
         return ask(state, AutopilotAction.TAKEOFF, now_s, config.search_height_m)
     if vehicle.mode in (FlightMode.TAKEOFF, FlightMode.HOLD):

@@ -59,6 +59,8 @@ OWN_MODE = {
     Phase.FALLBACK_LAND: (AutopilotAction.LAND, FlightMode.LAND),
 }
 """What is asked of PX4 on entering a phase that it flies by itself, and the mode that this shows as."""
+NO_ARMING_IN = frozenset({FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.RETURN})
+"""The modes that a flight ends in and in which PX4 does not arm: hold comes first."""
 HANDED_OVER = frozenset(OWN_MODE)
 """The phases in which PX4 flies a mode of its own because Alight asked for it."""
 

@@ -42,6 +42,22 @@ def test_takeoff_arms_then_takes_off_to_the_search_height(make: Any):
     assert (climbing.action, climbing.action_height_m) == (A.TAKEOFF, make.config.search_height_m)
 
 
+@pytest.mark.parametrize("mode", [FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.RETURN])
+def test_takeoff_from_the_mode_that_the_last_flight_ended_in_takes_hold_first(make: Any, mode):
+    """PX4 denies arming in offboard without setpoints, and says that it is not armable there."""
+    landed = make.state(P.LANDED)
+    rests = make.on_ground(mode=mode, armable=False)
+    begun = step(landed, make.inputs(landed, vehicle=rests, command=make.command(Op.LAND)), 100.0, make.config).state
+    assert begun.phase is P.TAKEOFF
+    first = step(begun, make.inputs(begun, vehicle=rests), 100.05, make.config)
+    assert first.action is A.HOLD
+    told = make.inputs(begun, vehicle=rests, results=(ActionResult(A.HOLD, True),))
+    lagging = step(first.state, told, 100.1, make.config)
+    assert lagging.action is None
+    second = step(lagging.state, make.inputs(begun, vehicle=make.on_ground()), 100.3, make.config)
+    assert second.action is A.ARM
+
+
 @pytest.mark.parametrize(
     ("height_m", "landed", "after"),
     [
