@@ -209,12 +209,13 @@ class Px4Autopilot:
                 if (message.system_id, message.component_id) != sender:
                     continue
                 state = self._telemetry.take(message.name, message.fields, time.monotonic())
-                if state is None:
-                    continue
-                self._states_seen += 1
-                if self._states_seen >= WARM_UP_STATES:
-                    self._warm.set()
-                    self._publish(state)
+                if state is not None:
+                    self._states_seen += 1
+                    if self._states_seen >= WARM_UP_STATES:
+                        self._warm.set()
+                        self._publish(state)
+                # One message a turn: after a stall the streams go on abreast, and each attitude meets its position.
+                await asyncio.sleep(0)
 
     async def _watch(self) -> None:
         """Give the state again while no attitude comes; see the link lost and regained; re-open a dead serial port."""

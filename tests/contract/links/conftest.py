@@ -172,8 +172,8 @@ class Autopilot:
             sample_s = now_s - self.position_lag_s
             pos = self.position_at(sample_s)
             boot_ms = 1000.0 * (now_s - self.boot_offset_s)
-            send(mav.local_position_ned_encode(int(boot_ms - 1000 * self.position_lag_s), *pos, *self.motion.vel))
             send(mav.attitude_quaternion_encode(int(boot_ms), 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+            send(mav.local_position_ned_encode(int(boot_ms - 1000 * self.position_lag_s), *pos, *self.motion.vel))
 
     def _answer(self, message: Any) -> None:
         if message.get_type() != "COMMAND_LONG" or message.target_system != self.system_id:

@@ -117,6 +117,23 @@ async def test_autopilot_jump_of_the_local_frame_is_counted(link: Autopilot, aut
     assert (before.frame_resets, after.frame_resets) == (0, 1)
 
 
+async def test_autopilot_states_after_a_stall_of_the_event_loop_are_true_at_their_times(
+    link: Autopilot, autopilot: Any
+) -> None:
+    def stall() -> None:
+        time.sleep(0.6)
+
+    await state_where(link, lambda s: s.local_position_ok)
+    # Between two ticks of the autopilot, so that an attitude is the first of what piles up.
+    asyncio.get_running_loop().call_later(0.005, stall)
+    end_s = time.monotonic() + 0.8
+    states: list[VehicleState] = []
+    await state_where(link, lambda s: states.append(s) or time.monotonic() > end_s)  # type: ignore[func-returns-value]
+    assert {s.local_position_ok for s in states} == {True}
+    errors_m = [np.abs(s.pos_ned_m - autopilot.position_at(s.t_capture_s)).max() for s in states]
+    assert max(errors_m) < 0.06
+
+
 async def test_autopilot_link_loss_shows_twice_a_second_and_ends_with_the_rates_asked_again(
     link: Autopilot, autopilot: Any
 ) -> None:
