@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import select
 import signal
@@ -128,7 +129,8 @@ def run(argv: list[str], say: Callable[[str], None], stop: threading.Event) -> N
 
 
 def _watch_stdin(stop: threading.Event) -> None:
-    while sys.stdin.buffer.read(4096):
+    # Below Python's own buffer, whose lock a thread that waits would hold while the interpreter shuts down.
+    while os.read(0, 4096):
         pass
     stop.set()
 

@@ -16,8 +16,8 @@ from app.messages import Image
 from drivers.simulator.textures import Plane
 
 LENS_BLUR_PX = 0.55
-TARGET = 0.11
-"""Mean light after the gain, of full scale: a grey level of 85."""
+TARGET = 0.125
+"""Mean light after the gain, of full scale: a grey level of 90."""
 GAIN_RANGE = (0.3, 12.0)
 SETTLING = 0.08
 """Share of the error that the gain makes up in a frame."""
