@@ -1,4 +1,4 @@
-"""A flight in process under virtual time: the application, the simulated vehicle, rendered frames, a phone that asks."""
+"""Flights in process under virtual time: the application, the simulated vehicle, rendered frames, a scripted phone."""
 
 from __future__ import annotations
 
