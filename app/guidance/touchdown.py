@@ -12,6 +12,9 @@ COMMANDED_SINK_MIN_M_S = 0.3
 STOPPED_FRACTION = 0.35
 """Contact is assumed when less than this part of the commanded sink is left. In flight PX4 reaches 63% of a sink step
 in 0.3 s and 90% in 0.75 s, and overshoots by 17%."""
+RESUMED_FRACTION = 0.7
+"""Contact has ended when this part of the commanded sink is back. On the ground PX4's velocity wanders by 0.1 to
+0.15 m/s, which is a fifth of the sink that is commanded: nothing short of falling may end a contact."""
 SETTLE_S = 0.5
 """The sink must have been commanded for this long: before, a vehicle that has not begun to sink looks the same."""
 HOLD_S = 0.35
@@ -42,7 +45,8 @@ def step_contact(memory: Contact, commanded_sink_m_s: float, actual_sink_m_s: fl
     if commanded_sink_m_s < COMMANDED_SINK_MIN_M_S:
         return Contact()
     since = now_s if memory.sinking_since_s is None else memory.sinking_since_s
-    stopped = actual_sink_m_s < STOPPED_FRACTION * commanded_sink_m_s and now_s - since >= SETTLE_S
+    fraction = RESUMED_FRACTION if memory.contact else STOPPED_FRACTION
+    stopped = actual_sink_m_s < fraction * commanded_sink_m_s and now_s - since >= SETTLE_S
     if not stopped:
         return Contact(sinking_since_s=since)
     stopped_since = now_s if memory.stopped_since_s is None else memory.stopped_since_s

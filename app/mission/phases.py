@@ -32,6 +32,8 @@ LOST_AFTER_S = 1.0
 """Beyond the time at which guidance already brakes: a pad unseen for so long is searched for anew."""
 MISSED_BELOW_PAD_M = -0.35
 """So far below where the pad is believed to be, the vehicle has sunk past it."""
+FALLEN_OFF_S = 1.0
+"""Without contact for so long, a vehicle that was on the pad has slid off it."""
 COMMITTED_MAX_S = 20.0
 """From the commit to the disarm: 1 s of sinking, and at most 7 s for PX4's land detector (measured at 0.5 m/s)."""
 ANCHOR_AHEAD_MAX_S = 2.0
@@ -163,9 +165,12 @@ def _land(
             return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         return Transition(state)
     since_s = now_s if state.committed_since_s is None else state.committed_since_s
-    state = replace(state, committed_since_s=since_s)
+    contact_s = now_s if guidance.contact else state.contact_s
+    state = replace(state, committed_since_s=since_s, contact_s=contact_s)
     height_m = guidance.height_above_pad_m
-    if height_m is not None and height_m < MISSED_BELOW_PAD_M:
+    # On the ground PX4's height drifts on by decimetres in seconds: only a vehicle that falls has missed.
+    falling = contact_s is None or now_s - contact_s > FALLEN_OFF_S
+    if height_m is not None and height_m < MISSED_BELOW_PAD_M and falling:
         return _go_round(state, inputs, Reason.PAD_MISSED, now_s, config)
     if now_s - since_s > COMMITTED_MAX_S:
         if not guidance.contact:

@@ -85,6 +85,7 @@ class MissionState:
         offboard_seen: PX4 has accepted and reported offboard since.
         steady_since_s: Since when the vehicle has been settled over the pad.
         committed_since_s: Since when the landing has been committed.
+        contact_s: When the vehicle last rested on something in this landing.
         takeoff_accepted: PX4 accepted the take-off.
         handed_over: PX4 has taken up the mode of its own that a HOLD, RETURN or FALLBACK_LAND asked for.
     """
@@ -104,6 +105,7 @@ class MissionState:
     offboard_seen: bool = False
     steady_since_s: float | None = None
     committed_since_s: float | None = None
+    contact_s: float | None = None
     takeoff_accepted: bool = False
     handed_over: bool = False
 

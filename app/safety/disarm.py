@@ -17,8 +17,8 @@ HEIGHT_MIN_M = -0.30
 RELATIVE_SPEED_MAX_M_S = 0.8
 TILT_MAX_RAD = math.radians(20.0)
 MOVING_PAD_M_S = 0.5
-HELD_MOVING_S = 0.25
-"""On a moving pad: beyond the time that the contact monitor itself waits."""
+HELD_MOVING_S = 0.6
+"""On a moving pad: a quarter of a second beyond the 0.35 s that the contact monitor itself waits."""
 WORD_AGE_MAX_S = 0.3
 """What the controller and the vehicle said longer ago proves nothing about now."""
 HELD_STATIC_S = 7.0

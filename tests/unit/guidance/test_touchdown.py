@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from app.guidance.touchdown import Contact, step_contact
@@ -49,6 +50,22 @@ def test_contact_is_not_told_without_a_sink_command():
 def test_contact_ends_when_the_vehicle_falls_on():
     first, memory = run(lambda t: 0.0 if 2.0 <= t < 3.0 else 0.6, seconds=3.5)
     assert first is not None and not memory.contact and memory.held_s(3.5) == 0.0
+
+
+@pytest.mark.parametrize("wander_m_s", [0.25, 0.35, -0.3])
+def test_contact_outlasts_the_wandering_of_px4s_velocity_on_the_ground(wander_m_s):
+    _, memory = run(lambda t: 0.6 if t < 2.0 else 0.0 if t < 3.0 else wander_m_s, seconds=6.0)
+    assert memory.contact and memory.held_s(6.0) == pytest.approx(4.0, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_contact_is_held_for_seven_seconds_under_the_noise_that_was_measured(seed):
+    """0.15 m/s, correlated over a second, seen on PX4: the wait before a forced disarm on a pad at rest must end."""
+    rng, noise = np.random.default_rng(seed), [0.0]
+    for _ in range(1000):
+        noise.append(0.98 * noise[-1] + rng.normal(0.0, 0.15 * math.sqrt(1.0 - 0.98**2)))
+    _, memory = run(lambda t: (0.6 if t < 2.0 else 0.0) + noise[round(t / DT_S)], seconds=16.0)
+    assert memory.held_s(16.0) >= 7.0
 
 
 def test_contact_held_counts_from_the_standstill():

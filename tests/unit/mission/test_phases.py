@@ -393,6 +393,17 @@ def test_landing_sunk_past_the_pad_goes_round(make: Any):
     assert step(state, make.inputs(state, guidance=word), 100.0, make.config).reason is Reason.PAD_MISSED
 
 
+def test_landing_that_stands_on_the_pad_is_not_missed_by_a_height_that_drifts(make: Any):
+    state, word = landing(make, height_above_pad_m=-0.2, contact=True)
+    stands = step(state, make.inputs(state, guidance=word), 100.0, make.config).state
+    drifted = replace(word, height_above_pad_m=-0.5)
+    stands = step(stands, make.inputs(stands, guidance=drifted), 103.0, make.config).state
+    assert stands.phase is P.LAND
+    off = replace(drifted, contact=False)
+    assert step(stands, make.inputs(stands, guidance=off), 103.9, make.config).state.phase is P.LAND
+    assert step(stands, make.inputs(stands, guidance=off), 104.1, make.config).reason is Reason.PAD_MISSED
+
+
 @pytest.mark.parametrize(("contact", "after"), [(False, P.SEARCH), (True, P.FALLBACK_LAND)])
 def test_landing_committed_for_too_long_is_ended(make: Any, contact, after):
     state, word = landing(make, height_above_pad_m=0.2, contact=contact)

@@ -35,7 +35,7 @@ def word(**changes: Any) -> GuidanceStatus:
         relative_speed_m_s=0.1,
         committed=True,
         contact=True,
-        contact_held_s=0.3,
+        contact_held_s=0.7,
     )
     return replace(rests, **changes)
 
@@ -49,7 +49,7 @@ def test_everything_at_rest_on_a_moving_pad_may_be_disarmed():
     [
         {"committed": False},
         {"contact": False},
-        {"contact_held_s": 0.2},
+        {"contact_held_s": 0.5},
         {"height_above_pad_m": None},
         {"height_above_pad_m": 0.5},
         {"height_above_pad_m": -0.35},
@@ -78,7 +78,8 @@ def test_vehicle_state_that_is_old_forbids_it():
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "held_s", "allowed"), [(0.45, 1.0, False), (0.45, 6.9, False), (0.45, 7.1, True), (0.55, 0.3, True)]
+    ("speed_m_s", "held_s", "allowed"),
+    [(0.45, 1.0, False), (0.45, 6.9, False), (0.45, 7.1, True), (0.55, 0.7, True), (0.55, 0.5, False)],
 )
 def test_pad_at_rest_is_left_to_px4s_own_detector_first(speed_m_s, held_s, allowed):
     assert may_force_disarm(vehicle(), track(speed_m_s), word(contact_held_s=held_s), NOW_S) is allowed
