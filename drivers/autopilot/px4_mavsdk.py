@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import aclosing
 from types import TracebackType
 from typing import Any, Self
 
 from mavsdk.asyncio.plugins.events import EventsAsync
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync, MavlinkDirectError, MavlinkMessage
-from mavsdk.exceptions import MavsdkError
 
 from app.channels import Latest
 from app.config import AutopilotConfig
@@ -28,11 +25,11 @@ from app.log import get_logger
 from app.messages import AutopilotAction, CommandResult, Setpoint, VehicleState
 from drivers.autopilot.command_channel import CommandChannel, NoAnswerError
 from drivers.autopilot.px4_commands import SET_MESSAGE_INTERVAL, command_long, command_of, setpoint_fields
+from drivers.autopilot.px4_words import AUTOPILOT_COMPONENT, Px4Words
+from drivers.autopilot.setpoint_channel import SetpointChannel
 from drivers.autopilot.telemetry import NAMES, VehicleTelemetry
 from drivers.mavsdk_session import COMPONENT_ID, MavsdkSession, encode, messages
 
-SETPOINT_AGE_MAX_S = 0.2
-"""An older setpoint is not sent: a process that was stopped must not act on what it knew before."""
 QUIET_S = 0.4
 """Without an attitude for this long, the newest state is given again."""
 LOST_S = 1.5
@@ -42,8 +39,6 @@ REOPEN_AFTER_S = 3.0
 ALTITUDE_AGE_MAX_S = 3.0
 WARM_UP_STATES = 10
 """Attitudes that settle the clock's offset before the first state is given out."""
-AUTOPILOT_COMPONENT = 1
-_SEVERITY_NOTICE = 5
 
 _log = get_logger("autopilot")
 
@@ -55,8 +50,7 @@ class Px4Autopilot:
         config: Address, rates and time limits.
 
     Attributes:
-        setpoints_sent: Setpoints given to the wire.
-        setpoints_dropped: Setpoints that were too old, or came while the one before was still being sent.
+        setpoints: How they leave; counts those sent and dropped.
     """
 
     def __init__(self, config: AutopilotConfig) -> None:
@@ -65,7 +59,7 @@ class Px4Autopilot:
         self._session = MavsdkSession(config.address, 1, AutopilotError)
         self._commands = CommandChannel(self._send_command)
         self._direct: Any = None
-        self._events: Any = None
+        self._words: Px4Words | None = None
         self._background: asyncio.Task[None] | None = None
         self._readers: list[Latest[VehicleState | None]] = []
         self._newest: VehicleState | None = None
@@ -73,14 +67,7 @@ class Px4Autopilot:
         self._warm = asyncio.Event()
         self._rates_wanted = asyncio.Event()
         self._rates_set = asyncio.Event()
-        self._words: deque[tuple[float, str]] = deque(maxlen=16)
-        self._spoke = asyncio.Event()
-        # One thread, so that a setpoint never waits behind other calls, and its age is looked at last of all.
-        self._sender = ThreadPoolExecutor(max_workers=1, thread_name_prefix="setpoint")
-        self._sending = False
-        self._send_failing = False
-        self.setpoints_sent = 0
-        self.setpoints_dropped = 0
+        self.setpoints = SetpointChannel()
 
     @property
     def session(self) -> MavsdkSession:
@@ -123,9 +110,9 @@ class Px4Autopilot:
             self._session = MavsdkSession(self._config.address, system_id, AutopilotError)
             system = await self._find(deadline_s + 5.0)
         self._direct = MavlinkDirectAsync(system)
-        self._events = EventsAsync(system)
+        self._words = Px4Words(self._direct, EventsAsync(system))
         self._rates_wanted.set()
-        self._background = asyncio.create_task(self._run(), name="autopilot")
+        self._background = asyncio.create_task(self._run(self._words), name="autopilot")
         self._background.add_done_callback(self._on_background_done)
         try:
             async with asyncio.timeout(max(5.0, deadline_s - time.monotonic())):
@@ -155,9 +142,9 @@ class Px4Autopilot:
         if background is not None:
             background.cancel()
             await asyncio.wait({background})
-        self._direct = self._events = None
+        self._direct = self._words = None
         await self._session.close()
-        self._sender.shutdown(wait=False, cancel_futures=True)
+        self.setpoints.close()
 
     # ------------------------------------------------------------------------------------------------------ reading
     async def states(self) -> AsyncIterator[VehicleState]:
@@ -192,13 +179,12 @@ class Px4Autopilot:
         if not task.cancelled() and task.exception() is not None:
             _log.error("autopilot.failed", error=repr(task.exception()))
 
-    async def _run(self) -> None:
+    async def _run(self, words: Px4Words) -> None:
         async with asyncio.TaskGroup() as group:
             for name in NAMES:
                 group.create_task(self._read(name), name=f"autopilot-{name}")
             group.create_task(self._read_acks(), name="autopilot-acks")
-            group.create_task(self._read_statustexts(), name="autopilot-statustext")
-            group.create_task(self._read_events(), name="autopilot-events")
+            group.create_task(words.run(), name="autopilot-words")
             group.create_task(self._watch(), name="autopilot-watch")
             group.create_task(self._keep_rates(), name="autopilot-rates")
 
@@ -262,51 +248,9 @@ class Px4Autopilot:
                     _log.warning("telemetry.rate_refused", message_id=message_id, rate_hz=rate_hz, result=result)
             self._rates_set.set()
 
-    # ------------------------------------------------------------------------------------------- the autopilot's words
-    async def _read_statustexts(self) -> None:
-        async with aclosing(messages(self._direct, "STATUSTEXT")) as stream:
-            async for message in stream:
-                if message.component_id == AUTOPILOT_COMPONENT and int(message.fields["severity"]) <= _SEVERITY_NOTICE:
-                    self._note(str(message.fields["text"]).strip("\x00 \t\n"))
-
-    async def _read_events(self) -> None:
-        async with aclosing(self._events.subscribe_events()) as stream:
-            async for event in stream:
-                if int(event.log_level) <= _SEVERITY_NOTICE:
-                    self._note(event.message.strip())
-
-    def _note(self, words: str) -> None:
-        words = "; ".join(line.strip("- ") for line in words.splitlines())
-        self._words.append((time.monotonic(), words))
-        self._spoke.set()
-        _log.info("autopilot.said", words=words)
-
-    async def _words_since(self, start_s: float) -> list[str]:
-        """What the autopilot said from a time on; it comes right after the refusal, so it is waited for a little."""
-        try:
-            async with asyncio.timeout(0.4):
-                while not any(t_s >= start_s for t_s, _ in self._words):
-                    self._spoke.clear()
-                    await self._spoke.wait()
-        except TimeoutError:
-            return []
-        return list(dict.fromkeys(words for t_s, words in self._words if t_s >= start_s))
-
-    async def _arming_problems(self) -> list[str]:
-        """What PX4's own arming checks find wrong, most important first; empty where it doesn't tell."""
-        try:
-            async with asyncio.timeout(1.0):
-                report = await self._events.get_health_and_arming_checks_report()
-        except (TimeoutError, MavsdkError):
-            return []
-        problems = report.current_mode_intention.problems or report.all_problems
-        return list(dict.fromkeys(p.message for p in sorted(problems, key=lambda p: int(p.log_level)) if p.message))[:3]
-
     # ----------------------------------------------------------------------------------------------------- commanding
     async def send_setpoint(self, setpoint: Setpoint) -> None:
-        """Send a velocity, acceleration and yaw in PX4's local frame, once, if it isn't older than SETPOINT_AGE_MAX_S.
-
-        A link that takes no message is no error here: it shows in states(), and PX4 acts on the missing setpoints.
+        """Send a velocity, acceleration and yaw in PX4's local frame, once, if it is fresh (see setpoint_channel).
 
         Raises:
             ValueError: The setpoint isn't finite.
@@ -315,38 +259,17 @@ class Px4Autopilot:
         direct = self._open_direct()
         boot_s = self._telemetry.clock.to_boot_s(setpoint.t_s)
         fields = encode(setpoint_fields(setpoint, self.system_id, boot_s))
-        if self._sending:
-            self.setpoints_dropped += 1
-            return
         message = MavlinkMessage("SET_POSITION_TARGET_LOCAL_NED", 0, 0, self.system_id, AUTOPILOT_COMPONENT, fields)
-        self._sending = True
-        call = self._sender.submit(self._send_if_fresh, direct, message, setpoint.t_s)
-        call.add_done_callback(self._on_sent)
-        try:
-            async with asyncio.timeout(SETPOINT_AGE_MAX_S):
-                fault = await asyncio.wrap_future(call)
-        except TimeoutError:
-            fault = "blocked"
-        if fault and not self._send_failing:
-            _log.warning("setpoint.not_sent", fault=fault)
-        self._send_failing = bool(fault)
 
-    def _on_sent(self, _: Future[str]) -> None:
-        """On whichever thread the call ended or was cancelled."""
-        self._sending = False
+        def put() -> str:
+            try:
+                # The plugin's blocking call: its coroutine would queue behind other calls in the loop's executor.
+                direct._plugin.send_message(message)  # noqa: SLF001
+            except MavlinkDirectError as fault:
+                return str(fault.result.name)
+            return ""
 
-    def _send_if_fresh(self, direct: Any, message: MavlinkMessage, t_s: float) -> str:
-        """On the sending thread: the last look at the setpoint's age, then the wire. Returns a fault or ""."""
-        if time.monotonic() - t_s > SETPOINT_AGE_MAX_S:
-            self.setpoints_dropped += 1
-            return "too old"
-        try:
-            # The plugin's blocking call: its coroutine would queue behind other calls in the loop's executor.
-            direct._plugin.send_message(message)  # noqa: SLF001
-        except MavlinkDirectError as fault:
-            return str(fault.result.name)
-        self.setpoints_sent += 1
-        return ""
+        await self.setpoints.send(put, setpoint.t_s)
 
     async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
         """Run an action to PX4's answer, within action_timeout_s. TAKEOFF climbs to height_m above the present height.
@@ -370,13 +293,19 @@ class Px4Autopilot:
         except NoAnswerError:
             raise AutopilotError(f"PX4 did not answer {action.value}", "check the link") from None
         if result != CommandResult.ACCEPTED.name:
-            words = await self._words_since(start_s)
-            if action is AutopilotAction.ARM:
-                words += await self._arming_problems()
-            said = f": {'; '.join(words)}" if words else ""
+            said = await self._reasons(action, start_s)
             raise AutopilotError(f"PX4 refused to {action.value} ({result}){said}", "see what PX4 says")
         if action in (AutopilotAction.ARM, AutopilotAction.DISARM, AutopilotAction.FORCE_DISARM):
             self._telemetry.note_armed(action is AutopilotAction.ARM)
+
+    async def _reasons(self, action: AutopilotAction, start_s: float) -> str:
+        """What PX4 said of a refusal, to follow it in a sentence; "" if nothing."""
+        if self._words is None:
+            return ""
+        words = await self._words.since(start_s)
+        if action is AutopilotAction.ARM:
+            words += await self._words.arming_problems()
+        return f": {'; '.join(words)}" if words else ""
 
     def _takeoff_amsl_m(self, action: AutopilotAction, height_m: float, now_s: float) -> float:
         if action is not AutopilotAction.TAKEOFF:
