@@ -197,6 +197,18 @@ def test_landing_on_something_solid_is_contact_and_follows_no_error_any_more():
     np.testing.assert_allclose(setpoint.vel_ned_m_s[:2], 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("pad_sinks_m_s", "vehicle_sinks_m_s", "contact"), [(0.0, 0.6, False), (0.3, 0.9, False), (0.6, 0.6, True)]
+)
+def test_landing_that_sinks_towards_the_pad_is_no_contact_and_one_that_sinks_with_it_is(
+    pad_sinks_m_s, vehicle_sinks_m_s, contact
+):
+    steering, goal = committed()
+    sinks = lambda t: vehicle(t, (0.0, 0.0, -0.2), (0.0, 0.0, vehicle_sinks_m_s))  # noqa: E731
+    deck = lambda t: pad(t, vel=(0.0, 0.0, pad_sinks_m_s))  # noqa: E731
+    assert run(steering, goal, deck, sinks, seconds=2.0, from_s=100.02)[-1][1].contact is contact
+
+
 def test_landing_begun_anew_is_not_committed():
     steering, goal = committed()
     high = vehicle(100.02, (0.0, 0.0, -2.0))
@@ -262,6 +274,13 @@ def test_jump_of_the_frame_moves_the_pad_of_a_committed_landing_along():
     setpoint, status = steering.step(goal, pad(100.02), jumped, 100.04)
     assert (status.horizontal_error_m, status.height_above_pad_m) == (pytest.approx(0.0), pytest.approx(0.3))
     np.testing.assert_allclose(setpoint.vel_ned_m_s[:2], 0.0, atol=1e-9)
+
+
+def test_jump_of_the_frame_moves_the_last_track_of_a_committed_landing_when_no_newer_one_comes():
+    steering, goal = committed()
+    steering.step(goal, pad(100.02), vehicle(100.02, (0.0, 0.0, -0.3)), 100.02)
+    _, status = steering.step(goal, None, vehicle(100.04, (2.0, 0.0, 0.7), frame_resets=1), 100.04)
+    assert (status.horizontal_error_m, status.height_above_pad_m) == (pytest.approx(0.0), pytest.approx(0.3))
 
 
 def test_jump_of_the_frame_does_not_move_a_track_from_after_it():
