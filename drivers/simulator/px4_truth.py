@@ -2,8 +2,9 @@
 
 HIL_STATE_QUATERNION comes over a MAVLink link of PX4's: attitude and rates, latitude and longitude in steps of 1.1 cm,
 altitude in millimetres, velocity in centimetres a second. The velocity is integrated between the steps, so that the
-picture does not jump. Times are PX4's, moved to CLOCK_MONOTONIC by the fastest packet; an instant of the camera is
-interpolated between two samples. Nothing but frames reaches the application.
+picture does not jump. It carries no time (PX4 leaves it 0): it is that of its arrival, bounded by PX4's own time on
+HIL_ACTUATOR_CONTROLS next to it, so that a busy machine doesn't make it late. An instant of the camera is interpolated
+between two samples. Nothing but frames reaches the application.
 """
 
 from __future__ import annotations
@@ -39,6 +40,11 @@ SETTLE_SAMPLES = 20
 PULL = 0.05
 """Share of the difference to the measured place that a sample takes in: 0.2 s at 100 Hz."""
 TOUCH_M = 0.02
+CLOCK_PERIOD_S = 0.005
+"""HIL_ACTUATOR_CONTROLS, which carries PX4's time, is asked for this often."""
+OFFSET_WINDOW_S = 0.5
+JUMP_S = 1.0
+"""PX4 was started anew, or stopped for a while."""
 HISTORY = 64
 _log = get_logger("simulator")
 
@@ -47,7 +53,7 @@ _log = get_logger("simulator")
 class _Sample:
     """The vehicle at one of PX4's instants, in the simulator's world."""
 
-    px4_s: float
+    t_s: float
     pos: tuple[float, float, float]
     vel: tuple[float, float, float]
     q: tuple[float, float, float, float]
@@ -77,7 +83,8 @@ class Px4Truth:
         self._contacts: list[Contact] = []
         self._frame_period_s = 1.0 / frame_rate_hz
         self._frame_due_s = 0.0
-        self._offset_s: float | None = None
+        self._clock: tuple[float, float] | None = None
+        self._offsets: deque[tuple[float, float]] = deque()
         self._start: list[tuple[float, float, float]] = []
         self._samples: deque[_Sample] = deque(maxlen=HISTORY)
         self._armed = False
@@ -117,56 +124,66 @@ class Px4Truth:
         if self._remote is None or now_s - self._asked_s < ASK_AGAIN_S:
             return
         self._asked_s = now_s
-        period_us = 1e6 / RATE_HZ
-        request = mavlink.MAVLink_command_long_message(
-            *(self._system, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0),
-            *(mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, period_us, 0, 0, 0, 0, 0),
-        )
-        self._socket.sendto(request.pack(self._mav), self._remote)
+        for number, rate_hz in (
+            (mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, RATE_HZ),
+            (mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, 1.0 / CLOCK_PERIOD_S),
+        ):
+            request = mavlink.MAVLink_command_long_message(
+                self._system, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0
+            )
+            self._socket.sendto(request.pack(self._mav), self._remote)
 
     def _take(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.get_srcComponent() == 1:
             self._system = message.get_srcSystem()
             self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif kind == "HIL_ACTUATOR_CONTROLS":
+            self._take_clock(message.time_usec * 1e-6)
         elif kind == "HIL_STATE_QUATERNION":
             self._take_truth(message)
 
-    def _take_truth(self, message: Any) -> None:
-        px4_s = message.time_usec * 1e-6
+    def _take_clock(self, px4_s: float) -> None:
+        """PX4's time, on a message of the same stream: the truth itself carries none."""
         offset_s = time.monotonic() - px4_s
-        if self._offset_s is None or abs(offset_s - self._offset_s) > 1.0:
-            self._offset_s = offset_s
-            self._samples.clear()
-        else:
-            # The fastest packet tells the offset; a slow drift of the clocks is let in.
-            self._offset_s = min(offset_s, self._offset_s + 1e-6)
+        if self._clock is not None and abs(offset_s - self._clock[1]) > JUMP_S:
+            self._offsets.clear()
+        # The fastest of the last packets tells the offset; a PX4 on a busy machine runs a little slow.
+        self._offsets.append((px4_s, offset_s))
+        while self._offsets[0][0] < px4_s - OFFSET_WINDOW_S:
+            self._offsets.popleft()
+        self._clock = (px4_s, min(offset for _, offset in self._offsets))
+
+    def _take_truth(self, message: Any) -> None:
+        now_s = time.monotonic()
+        if self._clock is not None:
+            # It left right after the last message with a time: however late it is read, it is not much younger.
+            now_s = min(now_s, sum(self._clock) + CLOCK_PERIOD_S)
         place = (message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3)
         if len(self._start) < SETTLE_SAMPLES:
             self._start.append(place)
             if len(self._start) == SETTLE_SAMPLES:
                 _log.info("px4_truth.found", system=self._system)
             return
-        self._add(px4_s, place, message)
+        if self._samples and not 0.0 < now_s - self._samples[-1].t_s < JUMP_S:
+            self._samples.clear()
+        self._add(now_s, place, message)
 
     # ----------------------------------------------------------------------------------------------------- the vehicle
-    def _add(self, px4_s: float, place: tuple[float, float, float], message: Any) -> None:
+    def _add(self, t_s: float, place: tuple[float, float, float], message: Any) -> None:
         measured = self._local(place)
         vel = (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
-        last = self._samples[-1] if self._samples else None
-        pos = measured
-        pad = self._pad.state
-        if last is not None:
-            dt = px4_s - last.px4_s
-            if dt <= 0.0:
-                return
+        pos, pad = measured, self._pad.state
+        if self._samples:
+            last = self._samples[-1]
+            dt = t_s - last.t_s
             ahead = [p + 0.5 * dt * (v + w) for p, v, w in zip(last.pos, last.vel, vel, strict=True)]
             moved = [p + PULL * (m - p) for p, m in zip(ahead, measured, strict=True)]
             # Altitude has no coarse steps: it is taken as it is.
             pos = (moved[0], moved[1], measured[2])
             pad = self._pad.step(dt, -pos[2] - FOOT_DOWN_M)
         w, x, y, z = message.attitude_quaternion
-        sample = _Sample(px4_s, pos, vel, (w, x, y, z), (message.rollspeed, message.pitchspeed, message.yawspeed), pad)
+        sample = _Sample(t_s, pos, vel, (w, x, y, z), (message.rollspeed, message.pitchspeed, message.yawspeed), pad)
         self._samples.append(sample)
         self._note(sample)
 
@@ -179,15 +196,13 @@ class Px4Truth:
 
     def _note(self, sample: _Sample) -> None:
         """Contacts and the log."""
-        assert self._offset_s is not None
         pad = sample.pad
         forward, right = pad.offset_m(sample.pos[0], sample.pos[1])
         over = max(abs(forward), abs(right)) <= pad.deck_half_m
         clearance = (pad.down_m if over else 0.0) - sample.pos[2] - FOOT_DOWN_M
         cos_tilt = 1.0 - 2.0 * (sample.q[1] ** 2 + sample.q[2] ** 2)
-        now_s = sample.px4_s + self._offset_s
         seen = Seen(
-            now_s,
+            sample.t_s,
             sample.pos,
             sample.vel,
             math.acos(max(-1.0, min(1.0, cos_tilt))),
@@ -198,33 +213,33 @@ class Px4Truth:
             clearance,
         )
         self._contacts += self._watch.step(seen, pad)
-        self._log.state(now_s, self._truth(sample), self._armed)
+        self._log.state(sample.t_s, self._truth(sample), self._armed)
         self._log.contacts(0.0, self._contacts)
 
     @staticmethod
     def _truth(sample: _Sample) -> Truth:
-        return Truth(sample.px4_s, sample.pos, sample.vel, sample.q, sample.rates, sample.pad)
+        return Truth(sample.t_s, sample.pos, sample.vel, sample.q, sample.rates, sample.pad)
 
     # ------------------------------------------------------------------------------------------------------ the camera
     def _expose(self, film: Film) -> None:
         """Give the camera each instant that lies between two samples."""
-        if self._offset_s is None or len(self._samples) < 2:
+        if len(self._samples) < 2:
             return
-        newest_s = self._samples[-1].px4_s + self._offset_s
-        if self._frame_due_s < newest_s - 1.0:
+        newest_s = self._samples[-1].t_s
+        if self._frame_due_s < newest_s - JUMP_S:
             self._frame_due_s = newest_s  # it was silent: no use in drawing the past
         while self._frame_due_s <= newest_s:
-            truth = self._between(self._frame_due_s - self._offset_s)
+            truth = self._between(self._frame_due_s)
             if truth is not None:
                 film.expose(self._frame_due_s, truth)
             self._frame_due_s += self._frame_period_s
 
-    def _between(self, px4_s: float) -> Truth | None:
-        """The truth at one of PX4's times, interpolated."""
+    def _between(self, t_s: float) -> Truth | None:
+        """The truth at a time, interpolated."""
         samples = self._samples
         for later, sooner in zip(reversed(samples), list(reversed(samples))[1:], strict=False):
-            if sooner.px4_s <= px4_s <= later.px4_s:
-                share = (px4_s - sooner.px4_s) / (later.px4_s - sooner.px4_s)
+            if sooner.t_s <= t_s <= later.t_s:
+                share = (t_s - sooner.t_s) / (later.t_s - sooner.t_s)
                 q = slerp(np.array(sooner.q), np.array(later.q), share)
                 a, b = sooner.pad, later.pad
                 pad = PadState(
@@ -237,7 +252,7 @@ class Px4Truth:
                     a.deck_half_m,
                 )
                 return Truth(
-                    px4_s,
+                    t_s,
                     _mix(sooner.pos, later.pos, share),
                     _mix(sooner.vel, later.vel, share),
                     (float(q[0]), float(q[1]), float(q[2]), float(q[3])),
