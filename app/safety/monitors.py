@@ -7,6 +7,7 @@ what is said so.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,3 +56,36 @@ def judge(
     if last_frame_s is None or now_s - last_frame_s > config.frames_stale_s:
         return Verdict(Hazard.FRAMES_STALE, "no camera frames")
     return None
+
+
+CONFIRM_S: dict[Hazard, float] = {
+    Hazard.POSITION_LOST: 0.3,
+    Hazard.TILT_EXCESSIVE: 0.3,
+    Hazard.BATTERY_LOW: 2.0,
+    Hazard.TOO_FAR: 0.3,
+    Hazard.TOO_HIGH: 0.3,
+}
+"""A hazard must stand this long: PX4's position flag was seen to drop for a single report, a battery sags under a
+punch of thrust, a gust tilts. What is measured by an age already has its time in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vigil:
+    """The memory of `confirm`.
+
+    Attributes:
+        hazard: The gravest one at the last step; None without one.
+        since_s: Since when without a break.
+    """
+
+    hazard: Hazard | None = None
+    since_s: float = 0.0
+
+
+def confirm(vigil: Vigil, verdict: Verdict | None, now_s: float) -> tuple[Vigil, Verdict | None]:
+    """The next memory, and the verdict if its hazard has stood for long enough."""
+    if verdict is None:
+        return Vigil(), None
+    since_s = vigil.since_s if vigil.hazard is verdict.hazard else now_s
+    stands = now_s - since_s >= CONFIRM_S.get(verdict.hazard, 0.0)
+    return Vigil(verdict.hazard, since_s), verdict if stands else None

@@ -22,11 +22,12 @@ from app.messages import (
     OperatorText,
     PadTrack,
     VehicleState,
+    Verdict,
 )
 from app.mission.machine import step
 from app.mission.states import MissionInputs, MissionState, Transition
 from app.safety.disarm import may_force_disarm
-from app.safety.monitors import judge
+from app.safety.monitors import Vigil, confirm, judge
 from app.tasks.actions import ActionRequest
 
 log = get_logger("mission")
@@ -64,10 +65,12 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
     """Step the state machine 20 times a second until cancelled; a command that is running then is answered too."""
     state = MissionState(since_s=clock.now_s())
     reason = "started"
+    vigil = Vigil()
     try:
         while True:
             now_s = clock.now_s()
-            transition = step(state, _inputs(state, queues, settings, now_s), now_s, settings.mission)
+            vigil, verdict = confirm(vigil, _judge(state, queues, settings, now_s), now_s)
+            transition = step(state, _inputs(queues, settings, verdict, now_s), now_s, settings.mission)
             if transition.reason is not None:
                 reason = transition.texts[0].text if transition.texts else transition.reason.value
                 log.info(
@@ -87,10 +90,14 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
             queues.answers.emit(CommandAnswer(state.command.number, CommandResult.CANCELLED))
 
 
-def _inputs(state: MissionState, queues: MissionQueues, settings: MissionSettings, now_s: float) -> MissionInputs:
-    vehicle, track, guidance = queues.vehicle.newest, queues.tracks.newest, queues.statuses.newest
+def _judge(state: MissionState, queues: MissionQueues, settings: MissionSettings, now_s: float) -> Verdict | None:
     detection = queues.detections.newest
     last_frame_s = None if detection is None else detection.t_capture_s
+    return judge(queues.vehicle.newest, state.home_ned_m, last_frame_s, now_s, settings.safety)
+
+
+def _inputs(queues: MissionQueues, settings: MissionSettings, verdict: Verdict | None, now_s: float) -> MissionInputs:
+    vehicle, track, guidance = queues.vehicle.newest, queues.tracks.newest, queues.statuses.newest
     usable = (
         track is not None
         and is_confident(track, settings.estimation)
@@ -102,7 +109,7 @@ def _inputs(state: MissionState, queues: MissionQueues, settings: MissionSetting
         track=track,
         track_usable=usable,
         guidance=guidance,
-        verdict=judge(vehicle, state.home_ned_m, last_frame_s, now_s, settings.safety),
+        verdict=verdict,
         command=None if queues.commands.empty() else queues.commands.get_nowait(),
         results=tuple(queues.results.drain()),
         may_force_disarm=allowed,
