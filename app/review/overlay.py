@@ -80,5 +80,7 @@ def write_lines(canvas: Image, lines: list[tuple[str, tuple[int, int, int]]]) ->
     """Write lines of text, each in its colour, into the upper left corner, dark-rimmed to be read on any ground."""
     for k, (line, colour) in enumerate(lines):
         at = (10, 24 + 20 * k)
-        cv2.putText(canvas, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
+        for shift in ((-1, 0), (1, 0), (0, -1), (0, 1)):  # a bolder rim would run wider than the text on it
+            rim = (at[0] + shift[0], at[1] + shift[1])
+            cv2.putText(canvas, line, rim, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
         cv2.putText(canvas, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
