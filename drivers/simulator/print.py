@@ -69,16 +69,19 @@ def paint_layer(
         scale: (2, 3) rows: forward and right on the pad are scale @ (north slope, east slope, 1).
         per_pixel: One over what a pixel measures on the pad's plane, 1/m.
     """
-    nearest: Plane | None = None
-    for a, b, c in layer.sides:
-        north, east, rest = a * scale[0] + b * scale[1] + np.array([0.0, 0.0, c])
-        distance = cv2.addWeighted(slopes[0], float(north), slopes[1], float(east), float(rest))
-        nearest = np.asarray(distance if nearest is None else cv2.min(nearest, distance), dtype=np.float32)
-    assert nearest is not None
-    nearest *= per_pixel
+    nearest, distance = np.empty_like(light), np.empty_like(light)
+    for k, (a, b, c) in enumerate(layer.sides):
+        north, east, rest = (float(v) for v in a * scale[0] + b * scale[1] + np.array([0.0, 0.0, c]))
+        cv2.addWeighted(slopes[0], north, slopes[1], east, rest, dst=distance if k else nearest)
+        if k:
+            cv2.min(nearest, distance, dst=nearest)
+    # The share covered is nearest * per_pixel + 0.5, from 0 to 1.
+    cv2.multiply(nearest, per_pixel, dst=nearest)
+    np.clip(nearest, -0.5, 0.5, out=nearest)
+    np.subtract(np.float32(layer.reflectance), light, out=distance)
     nearest += np.float32(0.5)
-    cover = np.clip(nearest, 0.0, 1.0, out=nearest)
-    light += cover * (np.float32(layer.reflectance) - light)
+    cv2.multiply(nearest, distance, dst=nearest)
+    light += nearest
 
 
 def board_shadow(landmark: Landmark, sun_forward: float, sun_right: float) -> Decal:

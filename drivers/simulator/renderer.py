@@ -184,22 +184,56 @@ class Renderer:
 
     def _draw(self, view: _View) -> Plane:
         """Light of one instant, (height, width)."""
-        light = self._draw_ground(view)
         pad = view.truth.pad
+        place = (pad.north_m, pad.east_m, pad.heading_rad)
+        zone = self._layers[0].rim_m
+        if self._fills_view(view, zone, -pad.down_m):
+            light = self._planes[3]
+            light.fill(0.0)
+        elif self._van is not None and self._fills_view(view, self._van.panels[-1].picture.rim_m * 0.9, -pad.down_m):
+            light = self._planes[3]
+            light.fill(0.0)
+            self._lay(light, view, self._van.panels[-1].picture, place, -pad.down_m)
+        else:
+            light = self._draw_surroundings(view)
+        self._lay(light, view, self._board_shadow, place, -pad.down_m)
+        self._draw_landmark(light, view)
+        self._draw_drone_shadow(light, view, -pad.down_m)
+        return light
+
+    def _draw_surroundings(self, view: _View) -> Plane:
+        """All but the board: ground and sky, the lane's line, the van and what it shades."""
+        pad = view.truth.pad
+        place = (pad.north_m, pad.east_m, pad.heading_rad)
+        light = self._draw_ground(view)
         if self._lane is not None:
             self._draw_lane(light, view, self._lane)
         if self._van is not None:
             shadow = self._van.shadow
-            self._lay(light, view, shadow.picture, (pad.north_m, pad.east_m, pad.heading_rad), shadow.height_m)
+            self._lay(light, view, shadow.picture, place, shadow.height_m)
             self._draw_drone_shadow(light, view, 0.0)
             self._draw_sides(light, view, self._van)
             for panel in self._van.panels:
-                place = (pad.north_m, pad.east_m, pad.heading_rad)
                 self._lay(light, view, panel.picture, place, panel.height_m)
-        self._lay(light, view, self._board_shadow, (pad.north_m, pad.east_m, pad.heading_rad), -pad.down_m)
-        self._draw_landmark(light, view)
-        self._draw_drone_shadow(light, view, -pad.down_m)
         return light
+
+    def _fills_view(self, view: _View, rim_m: Array, height_m: float) -> bool:
+        """Whether the picture's border lies inside a convex rim (forward, right) about the pad: nothing else shows."""
+        above = -height_m - float(view.position[2])
+        if above < 0.02:
+            return False
+        pad = view.truth.pad
+        c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
+        forward0, right0 = pad.offset_m(float(view.position[0]), float(view.position[1]))
+        border = (slice(None, None, self._lens.height - 1), slice(None, None, 16))
+        side = (slice(None, None, 16), slice(None, None, self._lens.width - 1))
+        low, high = 0.98 * rim_m.min(axis=0), 0.98 * rim_m.max(axis=0)
+        for part in (border, side):
+            north, east = above * view.north[part], above * view.east[part]
+            forward, right = forward0 + c * north + s * east, right0 - s * north + c * east
+            if forward.min() < low[0] or forward.max() > high[0] or right.min() < low[1] or right.max() > high[1]:
+                return False
+        return True
 
     # -------------------------------------------------------------------------------------------------- the ground
     def _draw_ground(self, view: _View) -> Plane:
@@ -302,6 +336,8 @@ class Renderer:
         c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
         forward, right = pad.offset_m(float(view.position[0]), float(view.position[1]))
         scale = np.array([[above * c, above * s, forward], [-above * s, above * c, right]])
+        whole: tuple[int, int] | None = None
+        per_pixel = np.empty((0, 0), dtype=np.float32)
         for layer in self._layers:
             rim = layer.rim_m @ np.array([[c, s], [-s, c]]) + (pad.north_m, pad.east_m)
             box = self._box(view, rim, pad.down_m)
@@ -309,10 +345,24 @@ class Renderer:
                 return  # the contours inside are out of sight too
             u0, v0, u1, v1 = box
             north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
-            # A pixel's solid angle on a plane under a slant: its side grows by (1 + slope^2)^(3/4).
-            stretch = np.sqrt(1.0 + north * north + east * east)
-            per_pixel = 1.0 / (np.float32(above) * self._angle[v0:v1, u0:u1] * stretch * np.sqrt(stretch))
-            paint_layer(light[v0:v1, u0:u1], layer, (north, east), scale, per_pixel)
+            if whole is None:
+                whole = (u0, v0)
+                per_pixel = self._per_pixel(north, east, self._angle[v0:v1, u0:u1], above)
+            du, dv = max(0, u0 - whole[0]), max(0, v0 - whole[1])
+            piece = per_pixel[dv : dv + v1 - v0, du : du + u1 - u0]
+            paint_layer(light[v0:v1, u0:u1], layer, (north, east), scale, piece)
+
+    @staticmethod
+    def _per_pixel(north: Plane, east: Plane, angle: Plane, above: float) -> Plane:
+        """One over what a pixel measures on a plane: its angle's side grows by (1 + slope^2)^(3/4) under a slant."""
+        stretch = cv2.multiply(north, north)
+        cv2.add(stretch, cv2.multiply(east, east), dst=stretch)
+        np.add(stretch, np.float32(1.0), out=stretch)
+        cv2.sqrt(stretch, dst=stretch)
+        root = cv2.sqrt(stretch)
+        cv2.multiply(stretch, root, dst=stretch)
+        cv2.multiply(stretch, angle, dst=stretch)
+        return np.asarray(cv2.divide(1.0 / above, stretch), dtype=np.float32)
 
     def _box(self, view: _View, rim: Array, down: float) -> tuple[int, int, int, int] | None:
         """(u0, v0, u1, v1), half open, that an outline (n, 2) at a depth may cover in the image; None: nothing."""

@@ -109,7 +109,7 @@ def _strokes(
     length = length_px * source.uniform(0.5, 1.4, count)
     bend = source.normal(0.0, 0.35, count)
     value = source.integers(bright[0], bright[1], count)
-    wide = source.integers(2, 4, count)
+    wide = source.integers(1, 4, count)
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
     turned = np.column_stack([np.cos(angle + bend), np.sin(angle + bend)])
     middle = start + 0.5 * length[:, None] * direction
@@ -130,9 +130,9 @@ def _strokes(
 def _lawn(source: np.random.Generator) -> Plane:
     """Mown grass from above: soil, blades deep and high, clover, some daisies."""
     tile = np.full((TILE_PX, TILE_PX), 48, dtype=np.uint8)
-    _strokes(tile, source, 9000, 34.0, (50, 85))
-    _strokes(tile, source, 9000, 38.0, (70, 120))
-    _strokes(tile, source, 6000, 36.0, (95, 165))
+    _strokes(tile, source, 11000, 34.0, (50, 85))
+    _strokes(tile, source, 12000, 38.0, (70, 120))
+    _strokes(tile, source, 9000, 36.0, (95, 165))
     _strokes(tile, source, 900, 30.0, (150, 205))
     for _ in range(140):
         x, y = (int(v) for v in source.integers(20, TILE_PX - 20, 2))
