@@ -33,7 +33,9 @@ HUBER = 2.5
 STEPS = 12
 CONVERGED = 1e-3
 """Part of the cost, in squared sigmas, that a step must win to be followed by another."""
-HOPELESS = 60.0
+SAME_POSE = math.cos(math.radians(3.0))
+"""Two starts nearer to each other than this lead to one pose."""
+HOPELESS = 30.0
 """The second pose is not refined where it starts with this many times the first one's cost."""
 
 
@@ -67,99 +69,112 @@ class _Solution:
 
 def rotation_from_vector(v: Array) -> Array:
     """(3, 3) rotation by |v| radians about v (Rodrigues)."""
-    angle = math.sqrt(float(v @ v))
     x, y, z = (float(c) for c in v)
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-9:
-        return np.asarray(np.eye(3) + k)
-    return np.asarray(np.eye(3) + math.sin(angle) / angle * k + (1.0 - math.cos(angle)) / angle**2 * (k @ k))
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = x / angle, y / angle, z / angle
+    c, s = math.cos(angle), math.sin(angle)
+    d = 1.0 - c
+    return np.array(
+        [
+            [c + d * x * x, d * x * y - s * z, d * x * z + s * y],
+            [d * x * y + s * z, c + d * y * y, d * y * z - s * x],
+            [d * x * z - s * y, d * y * z + s * x, c + d * z * z],
+        ]
+    )
+
+
+_CROSS = np.zeros((3, 3, 3))
+_CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0
+_CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = -1.0
+_CROSS_ROWS = _CROSS.reshape(3, 9)
 
 
 def _cross_matrices(p: Array) -> Array:
     """(n, 3, 3) matrices [p]x of points (n, 3)."""
-    out = np.zeros((len(p), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = p[:, 2], -p[:, 1], p[:, 0]
-    return out
+    return (p @ _CROSS_ROWS).reshape(-1, 3, 3)
 
 
-def _residuals(problem: _Problem, rotation: Array, translation: Array) -> tuple[Array, Array] | None:
-    """Residuals in sigmas and their derivatives with respect to (translation, rotation about the cam axes).
+@dataclass(frozen=True, slots=True)
+class _Linear:
+    """A pose with its residuals.
 
-    None if a corner lies where the lens can't see.
+    Attributes:
+        rotation: cam_from_pad.
+        translation: The same.
+        r: (2 n,) residuals of the corners in sigmas.
+        j: (2 n, 6) their derivatives with respect to (translation, rotation about the cam axes).
+        tilt: (3,) the prior's residuals, in sigmas; zeros without one.
+        weight: (2 n,) Huber's.
+        cost: Huber's, in squared sigmas, and the prior's.
     """
+
+    rotation: Array
+    translation: Array
+    r: Array
+    j: Array
+    tilt: Array
+    weight: Array
+    cost: float
+
+
+def _linearise(problem: _Problem, rotation: Array, translation: Array) -> _Linear | None:
+    """Residuals and derivatives at a pose; None if a corner lies where the lens can't see."""
     turned = problem.pad @ rotation.T
     px, slope, valid = problem.lens.project_with_jacobian(turned + translation)
     if not valid.all():
         return None
-    n = len(px)
-    jacobian = np.empty((n, 2, 6))
+    jacobian = np.empty((len(px), 2, 6))
     jacobian[:, :, :3] = slope
-    jacobian[:, :, 3:] = -slope @ _cross_matrices(turned)
-    r = (px - problem.px).reshape(-1) / CORNER_SIGMA_PX
+    np.matmul(slope, _cross_matrices(-turned), out=jacobian[:, :, 3:])
+    off = (px - problem.px) / CORNER_SIGMA_PX
+    length = np.sqrt((off * off).sum(axis=1))
+    weight = HUBER / np.maximum(length, HUBER)
+    # Huber's cost is L^2 up to k and 2 k L - k^2 beyond; with w = k / max(L, k) that is L^2 w (2 - w).
+    cost = float((length * length * weight * (2.0 - weight)).sum())
+    tilt = np.zeros(3)
+    if problem.down_cam is not None:
+        # The pad's down axis against the vertical: their cross product is the angle between them, about each axis.
+        tilt = (_cross_matrices(problem.down_cam[None])[0] @ rotation[:, 2]) / PRIOR_TILT_SIGMA_RAD
+        cost += float(tilt @ tilt)
     j = jacobian.reshape(-1, 6) / CORNER_SIGMA_PX
-    if problem.down_cam is None:
-        return r, j
-    # The pad's down axis against the vertical: the cross product is their angle, for small ones, about each axis.
-    axis = rotation[:, 2]
-    tilt = np.cross(problem.down_cam, axis) / PRIOR_TILT_SIGMA_RAD
-    d, a = problem.down_cam, axis
-    # d(d x (w x a))/dw = (d . a) I - ... with w x a = -[a]x w.
-    prior = np.zeros((3, 6))
-    prior[:, 3:] = -(_cross_matrices(d[None])[0] @ _cross_matrices(a[None])[0]) / PRIOR_TILT_SIGMA_RAD
-    return np.concatenate([r, tilt]), np.concatenate([j, prior])
+    return _Linear(rotation, translation, off.reshape(-1), j, tilt, np.repeat(weight, 2), cost)
 
 
-def _weights(r: Array, corners: int) -> Array:
-    """Huber's weights, by the length of each corner's residual; the prior's is 1."""
-    length = np.sqrt(r[0 : 2 * corners : 2] ** 2 + r[1 : 2 * corners : 2] ** 2)
-    weight = np.minimum(1.0, HUBER / np.maximum(length, 1e-12))
-    return np.concatenate([np.repeat(weight, 2), np.ones(len(r) - 2 * corners)])
+def _normal(problem: _Problem, at: _Linear) -> tuple[Array, Array]:
+    """Normal matrix (6, 6) and right side (6,) of a step."""
+    weighted = at.j * at.weight[:, None]
+    normal, slope = weighted.T @ at.j, weighted.T @ at.r
+    if problem.down_cam is not None:
+        both = _cross_matrices(np.stack([problem.down_cam, at.rotation[:, 2]]))
+        # d(d x a) = d x (w x a) = -[d]x [a]x w.
+        prior = (both[0] @ both[1]) / -PRIOR_TILT_SIGMA_RAD
+        normal[3:, 3:] += prior.T @ prior
+        slope[3:] += prior.T @ at.tilt
+    return normal, slope
 
 
-def _cost(r: Array, corners: int) -> float:
-    """Huber's cost in squared sigmas."""
-    length = np.sqrt(r[0 : 2 * corners : 2] ** 2 + r[1 : 2 * corners : 2] ** 2)
-    robust = np.where(length <= HUBER, length * length, 2.0 * HUBER * length - HUBER * HUBER)
-    return float(robust.sum() + (r[2 * corners :] ** 2).sum())
-
-
-def _refine(problem: _Problem, rotation: Array, translation: Array) -> _Solution | None:
+def _refine(problem: _Problem, start: _Linear) -> _Solution | None:
     """Damped Gauss-Newton from a start."""
-    n = len(problem.pad)
-    now = _residuals(problem, rotation, translation)
-    if now is None:
-        return None
-    cost, damping = _cost(now[0], n), 1e-4
+    now, damping = start, 1e-6
+    normal, slope = _normal(problem, now)
     for _ in range(STEPS):
-        r, j = now
-        weighted = j * _weights(r, n)[:, None]
-        normal, slope = weighted.T @ j, weighted.T @ r
+        damped = normal + np.diag(damping * np.diagonal(normal))
         try:
-            step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
+            step = np.asarray(np.linalg.solve(damped, -slope), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        tried_rotation = rotation_from_vector(np.asarray(step[3:])) @ rotation
-        tried_translation = translation + step[:3]
-        tried = _residuals(problem, tried_rotation, tried_translation)
-        tried_cost = math.inf if tried is None else _cost(tried[0], n)
-        if tried is None or tried_cost > cost:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        settled = cost - tried_cost < CONVERGED * max(cost, 1.0)
-        rotation, translation, now, cost = tried_rotation, tried_translation, tried, tried_cost
-        damping = max(damping * 0.1, 1e-9)
-        if settled:
+        if -float(slope @ step) < CONVERGED * max(now.cost, 1.0):
             break
-    r, j = now
-    information = (j * _weights(r, n)[:, None]).T @ j
-    return _Solution(rotation, translation, cost, information, _rms_px(r, n))
-
-
-def _rms_px(r: Array, corners: int) -> float:
-    return CORNER_SIGMA_PX * math.sqrt(float(r[: 2 * corners] @ r[: 2 * corners]) / corners)
+        tried = _linearise(problem, rotation_from_vector(step[3:]) @ now.rotation, now.translation + step[:3])
+        if tried is None or tried.cost > now.cost:
+            damping = max(10.0 * damping, 1e-3)
+            continue
+        now, damping = tried, 0.1 * damping
+        normal, slope = _normal(problem, now)
+    rms = CORNER_SIGMA_PX * math.sqrt(float(now.r @ now.r) / len(problem.pad))
+    return _Solution(now.rotation, now.translation, now.cost, normal, rms)
 
 
 def _start(problem: _Problem) -> tuple[Array, Array] | None:
@@ -230,18 +245,18 @@ def estimate_camera_pose(
     rotation, translation = start
     middle = problem.pad.mean(axis=0)
     centre = rotation @ middle + translation
-    if down is not None:
-        rotation = _level_start(rotation, down)
-    first = _refine(problem, rotation, centre - rotation @ middle)
+
+    def solve(rotation: Array, hopeless: float) -> _Solution | None:
+        """From a rotation about the middle of what was seen, unless it starts too badly."""
+        at = _linearise(problem, rotation, centre - rotation @ middle)
+        return None if at is None or at.cost > hopeless else _refine(problem, at)
+
+    first = solve(rotation if down is None else _level_start(rotation, down), math.inf)
     base = rotation if first is None else first.rotation
     other = _other_start(base, centre)
     second: _Solution | None = None
-    start_of_other = _residuals(problem, other, centre - other @ middle)
-    if start_of_other is not None:
-        n = len(pad)
-        limit = math.inf if first is None else HOPELESS * max(first.cost, float(n))
-        if _cost(start_of_other[0], n) < limit:
-            second = _refine(problem, other, centre - other @ middle)
+    if first is None or float(other[:, 2] @ base[:, 2]) < SAME_POSE:
+        second = solve(other, math.inf if first is None else HOPELESS * max(first.cost, float(len(pad))))
     solutions = [s for s in (first, second) if s is not None and float(s.rotation[:, 2] @ s.translation) > 0]
     if not solutions:
         return None

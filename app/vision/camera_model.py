@@ -32,7 +32,7 @@ class Lens(Protocol):
 
     @property
     def focal_px(self) -> float:
-        """Pixels per radian on the axis."""
+        """Pixels per radian on the axis, the mean of both directions."""
         ...
 
     def project(self, points_cam: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -53,16 +53,19 @@ class Lens(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Sensor:
-    """Size and the affine part that both models share."""
+    """Size and the affine part that both models share.
+
+    Attributes:
+        size_px: Width, height.
+        focal: (2,) focal lengths across and down.
+        centre: (2,) principal point.
+        focal_px: Mean of the focal lengths.
+    """
 
     size_px: tuple[int, int]
     focal: Array
     centre: Array
-
-    @property
-    def focal_px(self) -> float:
-        """Mean of the two focal lengths."""
-        return float(self.focal.mean())
+    focal_px: float
 
 
 def _first_positive_root(coefficients: list[float], limit: float) -> float:
@@ -200,22 +203,28 @@ class EquidistantLens(_Sensor):
 
     def project_with_jacobian(self, points_cam: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See Lens."""
-        px, valid = self.project(points_cam)
         x, y, z = points_cam.T
         rho2 = x * x + y * y
         n2 = rho2 + z * z
         small = rho2 < 1e-16
         rho = np.sqrt(np.where(small, 1.0, rho2))
         theta = np.arctan2(np.where(small, 0.0, rho), z)
-        g = np.where(small, 1.0 / np.where(small, z, 1.0), self._radius(theta) / rho)
-        slope = self._slope(theta)
+        straight = self.k == (0.0,) * 4
+        g = np.where(small, 1.0 / np.where(small, z, 1.0), (theta if straight else self._radius(theta)) / rho)
+        slope = 1.0 if straight else self._slope(theta)
         # u = g(rho, z) x: dg/dx = x/rho (slope z / (rho n2) - g / rho), dg/dz = -slope / n2.
         dg = np.where(small, 0.0, (slope * z / n2 - g) / np.where(small, 1.0, rho2))
-        dz = -slope / n2
+        xy = points_cam[:, :2]
         jac = np.empty((len(x), 2, 3))
-        fx, fy = self.focal
-        jac[:, 0, 0], jac[:, 0, 1], jac[:, 0, 2] = fx * (g + x * x * dg), fx * x * y * dg, fx * x * dz
-        jac[:, 1, 0], jac[:, 1, 1], jac[:, 1, 2] = fy * x * y * dg, fy * (g + y * y * dg), fy * y * dz
+        jac[:, :, :2] = xy[:, :, None] * (xy * dg[:, None])[:, None, :]
+        jac[:, 0, 0] += g
+        jac[:, 1, 1] += g
+        jac[:, :, 2] = xy * (-slope / n2)[:, None]
+        jac *= self.focal[:, None]
+        px = xy * g[:, None] * self.focal + self.centre
+        valid = (theta < self.theta_max_rad) & ((z > 0) | ~small)
+        if not valid.all():
+            px[~valid] = np.nan
         return px, jac, valid
 
     def rays(self, px: Array) -> Array:
@@ -243,14 +252,15 @@ def lens_from_config(config: LensConfig) -> Lens:
     size = (config.width_px, config.height_px)
     focal = np.array([config.fx_px, config.fy_px])
     centre = np.array([config.cx_px, config.cy_px])
+    mean = 0.5 * (config.fx_px + config.fy_px)
     k = tuple(config.distortion)
     if config.model == "pinhole":
         k1, k2, p1, p2, k3 = (*k, *(0.0,) * (5 - len(k)))
         radius_max = _first_positive_root([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3], 1e6)
-        return PinholeLens(size, focal, centre, (k1, k2, p1, p2, k3), radius_max)
+        return PinholeLens(size, focal, centre, mean, (k1, k2, p1, p2, k3), radius_max)
     k1, k2, k3, k4 = (*k, *(0.0,) * (4 - len(k)))
     theta_max = _first_positive_root([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4], math.pi * 0.999)
-    return EquidistantLens(size, focal, centre, (k1, k2, k3, k4), theta_max)
+    return EquidistantLens(size, focal, centre, mean, (k1, k2, k3, k4), theta_max)
 
 
 def tangent_basis(ray: Array) -> Array:
@@ -258,8 +268,14 @@ def tangent_basis(ray: Array) -> Array:
 
     Straight lines of the world are straight on its image plane, whatever the lens does to them.
     """
-    z = ray / np.linalg.norm(ray)
-    helper = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    return np.array([x, np.cross(z, x), z])
+    x, y, z = (float(v) for v in ray)
+    norm = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / norm, y / norm, z / norm
+    # Its right is level with the image's rows, unless it looks along the image's columns.
+    if abs(y) < 0.9:
+        rx, ry, rz = z, 0.0, -x
+    else:
+        rx, ry, rz = 0.0, -z, y
+    length = math.sqrt(rx * rx + ry * ry + rz * rz)
+    rx, ry, rz = rx / length, ry / length, rz / length
+    return np.array([[rx, ry, rz], [y * rz - z * ry, z * rx - x * rz, x * ry - y * rx], [x, y, z]])

@@ -5,6 +5,7 @@ The stages are those of the paper (code, area ratios, relative position), with a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,34 +87,25 @@ class Bench:
     sigma_px: float
 
 
-def _with_measured(fit: Fit, sides: Sides, bench: Bench) -> Fit | None:
-    """The fit again, on the measured corners where there are some and on its own elsewhere."""
-    plane = np.where(sides.corner_found[fit.indices, None], sides.corners_plane[fit.indices], fit.plane)
-    return fit_corners(plane, fit.indices, fit.basis, bench.geometry, bench.lens.focal_px)
-
-
-def _extended(fit: Fit, first: int, count: int, sides: Sides, bench: Bench) -> tuple[range, Fit | None]:
+def _extended(fit: Fit, run: range, sides: Sides, bench: Bench) -> tuple[range, Fit | None]:
     """The run grown by neighbours all of whose sides were measured where the fit puts them, and the fit on them all."""
-    geometry = bench.geometry
-    contours = geometry.landmark.contours
+    geometry, focal_px = bench.geometry, bench.lens.focal_px
+    count = len(geometry.landmark.contours)
     predicted = apply(fit.basis @ fit.rays_from_pad, geometry.corners)
-    off_px = np.hypot(*(sides.corners_plane - predicted).T) * bench.lens.focal_px
-
-    def agrees(k: int) -> bool:
-        part = geometry.slices[k]
-        side = float(np.linalg.norm(predicted[part.start + 1] - predicted[part.start])) * bench.lens.focal_px
-        return bool(sides.corner_found[part].all() and (off_px[part] < AGREES_PX + AGREES_PART * side).all())
-
-    low, high = first, first + count
-    while low > 0 and agrees(low - 1):
+    off = sides.corners_plane - predicted
+    edge = predicted[geometry.following] - predicted
+    limit = AGREES_PX / focal_px + AGREES_PART * np.sqrt((edge * edge).sum(axis=1))
+    with np.errstate(invalid="ignore"):
+        agrees = sides.corner_found & ((off * off).sum(axis=1) < limit * limit)
+    whole = np.logical_and.reduceat(agrees, [s.start for s in geometry.slices])
+    low, high = run[0], run[-1] + 1
+    while low > 0 and whole[low - 1]:
         low -= 1
-    while high < len(contours) and agrees(high):
+    while high < count and whole[high]:
         high += 1
-    plane = np.full((len(geometry.corners), 2), np.nan)
-    plane[fit.indices] = fit.plane
-    plane = np.where(sides.corner_found[:, None], sides.corners_plane, plane)
     indices = np.arange(geometry.slices[low].start, geometry.slices[high - 1].stop)
-    return range(low, high), fit_corners(plane[indices], indices, fit.basis, geometry, bench.lens.focal_px)
+    plane = np.where(sides.corner_found[indices, None], sides.corners_plane[indices], predicted[indices])
+    return range(low, high), fit_corners(plane, indices, fit.basis, geometry, focal_px)
 
 
 def _quarter_turns(a: Fit, b: Fit) -> int:
@@ -125,17 +117,24 @@ def _quarter_turns(a: Fit, b: Fit) -> int:
 def _settle_heading(
     fits: list[Fit], innermost: int, scale_px: float, bench: Bench
 ) -> tuple[Fit, Judgement, Patch] | Rejection:
-    """The fit whose heading the drawing supports, or why none."""
-    geometry, lens = bench.geometry, bench.lens
+    """The fit whose heading the drawing supports, or why none. A small landmark is aligned on the way."""
+    geometry, lens, prepared = bench.geometry, bench.lens, bench.prepared
     judged: list[tuple[Judgement, Fit, Patch]] = []
     for fit in fits:
-        patch = rectify(bench.prepared, fit, geometry, lens, scale_px, bench.sigma_px)
+        patch = rectify(prepared, fit, geometry, lens, scale_px, bench.sigma_px)
         judged.append((judge(patch, innermost, geometry), fit, patch))
     judged.sort(key=lambda j: -j[0].score)
-    if scale_px * geometry.landmark.size_m < SMALL_PX:
-        moved = [align(bench.prepared, fit, geometry, lens, scale_px, bench.sigma_px) for _, fit, _ in judged[:2]]
-        judged = [(judge(patch, innermost, geometry), fit, patch) for fit, patch in moved]
-        judged.sort(key=lambda j: -j[0].score)
+    if scale_px * geometry.size_m < SMALL_PX:
+        (_, before, _), *others = judged
+        fit, patch = align(prepared, before, geometry, lens, scale_px, bench.sigma_px)
+        judged = [(judge(patch, innermost, geometry), fit, patch)]
+        if others:
+            # The next best heading, moved along.
+            turn = np.linalg.inv(before.rays_from_pad) @ others[0][1].rays_from_pad
+            other = replace(others[0][1], rays_from_pad=fit.rays_from_pad @ turn)
+            seen = rectify(prepared, other, geometry, lens, scale_px, bench.sigma_px)
+            judged.append((judge(seen, innermost, geometry), other, seen))
+            judged.sort(key=lambda j: -j[0].score)
     best, fit, patch = judged[0]
     refused = check_judgement(best, bench.min_score)
     if refused is None and len(judged) > 1:
@@ -151,11 +150,12 @@ def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
     corners = [p.corners_px for p in nest.polygons[reading.start : reading.start + reading.length]]
     first, count = reading.first, reading.length
 
-    sides_px = np.linalg.norm(corners[0] - np.roll(corners[0], 1, axis=0), axis=1)
-    if sides_px.min() < bench.min_side_px:
-        text = f"side of {contours[first].name} {sides_px.min():.1f} px, under {bench.min_side_px:.1f} px"
+    outer = corners[0]
+    sides_px = [math.dist(outer[i], outer[i - 1]) for i in range(len(outer))]
+    if min(sides_px) < bench.min_side_px:
+        text = f"side of {contours[first].name} {min(sides_px):.1f} px, under {bench.min_side_px:.1f} px"
         return Rejection(Refusal.TOO_SMALL, text)
-    scale_px = float(sides_px.mean()) / contours[first].side_m
+    scale_px = sum(sides_px) / len(sides_px) / float(geometry.sides_m[first])
 
     fits = fit_run(corners, first, geometry, lens)
     if not fits:
@@ -164,21 +164,21 @@ def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
     if refused is not None:
         return refused
 
-    small = scale_px * geometry.landmark.size_m < SMALL_PX
-    measured = fits if small else _sharpened(fits, first, count, bench)
-    if isinstance(measured, Rejection):
-        return measured
-    settled = _settle_heading(measured, first + count - 1, scale_px, bench)
+    settled = _settle_heading(fits, first + count - 1, scale_px, bench)
     if isinstance(settled, Rejection):
         return settled
     fit, judgement, patch = settled
-    if small:
-        run = range(first, _seen_inside(patch, first + count - 1, scale_px, geometry) + 1)
-        indices = np.arange(geometry.slices[run[0]].start, geometry.slices[run[-1]].stop)
-        plane = apply(fit.basis @ fit.rays_from_pad, geometry.corners[indices])
-        return _found(replace(fit, indices=indices, plane=plane), run, judgement, scale_px, bench)
-    own = replace(fit, plane=apply(fit.basis @ fit.rays_from_pad, geometry.corners[fit.indices]))
-    return _measured(own, judgement, first, count, scale_px, bench)
+    if scale_px * geometry.size_m >= SMALL_PX:
+        return _measured(fit, judgement, first, count, scale_px, bench)
+    run = range(first, _seen_inside(patch, first + count - 1, scale_px, geometry) + 1)
+    return _found(_as_fitted(fit, run, geometry), run, judgement, scale_px, bench)
+
+
+def _as_fitted(fit: Fit, run: range, geometry: LandmarkGeometry) -> Fit:
+    """The fit with the corners of a run where it puts them itself."""
+    indices = np.arange(geometry.slices[run[0]].start, geometry.slices[run[-1]].stop)
+    plane = apply(fit.basis @ fit.rays_from_pad, geometry.corners[indices])
+    return replace(fit, indices=indices, plane=plane)
 
 
 def _seen_inside(patch: Patch, innermost: int, scale_px: float, geometry: LandmarkGeometry) -> int:
@@ -188,7 +188,7 @@ def _seen_inside(patch: Patch, innermost: int, scale_px: float, geometry: Landma
     the drawing.
     """
     while innermost + 1 < len(geometry.landmark.contours):
-        gap_px = float(geometry.gap_m[geometry.slices[innermost + 1].start]) * scale_px
+        gap_px = float(geometry.outer_gap_m[innermost + 1]) * scale_px
         inner = judge(patch, innermost, geometry).inner
         if gap_px < MIN_GAP_SEEN_PX or inner is None or inner < MIN_INNER_SEEN:
             break
@@ -196,34 +196,29 @@ def _seen_inside(patch: Patch, innermost: int, scale_px: float, geometry: Landma
     return innermost
 
 
-def _sharpened(fits: list[Fit], first: int, count: int, bench: Bench) -> list[Fit] | Rejection:
-    """Fits (the same contours, other headings) on measured sides instead of the binary image's corners."""
-    geometry, lens = bench.geometry, bench.lens
-    run = range(first, first + count)
-    sides = measure_sides(bench.prepared, fits[0].rays_from_pad, fits[0].basis, geometry, lens, run, COARSE_REACH_PX)
-    part = slice(geometry.slices[first].start, geometry.slices[first + count - 1].stop)
-    share = float(sides.corner_found[part].mean())
-    if share < MIN_SHARP:
-        text = f"{share * 100:.0f}% of its corners have sharp sides, under {MIN_SHARP * 100:.0f}%"
-        return Rejection(Refusal.SIDES, text)
-    better = _with_measured(fits[0], sides, bench)
-    if better is None:
-        return Rejection(Refusal.SHAPE, "its corners don't span a plane")
-    undo = np.linalg.inv(fits[0].rays_from_pad)
-    return [replace(better, rays_from_pad=better.rays_from_pad @ (undo @ fit.rays_from_pad)) for fit in fits]
-
-
 def _measured(
     fit: Fit, judgement: Judgement, first: int, count: int, scale_px: float, bench: Bench
 ) -> Found | Rejection:
-    """Measure all contours of the landmark that can be seen, now that its place and heading are known."""
+    """Measure the sides of all contours of the landmark that can be seen, now that its heading is known."""
     geometry = bench.geometry
-    everything = range(len(geometry.landmark.contours))
-    sides = measure_sides(bench.prepared, fit.rays_from_pad, fit.basis, geometry, bench.lens, everything, FINE_REACH_PX)
-    run, final = _extended(fit, first, count, sides, bench)
-    if final is None:
-        return Rejection(Refusal.SHAPE, "its corners don't span a plane")
-    limit = AGREES_PX + AGREES_PART * geometry.landmark.contours[run[0]].side_m * scale_px
+    run = range(first, first + count)
+    final = _as_fitted(fit, run, geometry)
+    for reach_px in (COARSE_REACH_PX, FINE_REACH_PX):
+        everything = range(len(geometry.landmark.contours))
+        sides = measure_sides(
+            bench.prepared, final.rays_from_pad, final.basis, geometry, bench.lens, everything, reach_px
+        )
+        share = float(sides.corner_found[final.indices].mean())
+        if share < MIN_SHARP:
+            text = f"{share * 100:.0f}% of its corners have sharp sides, under {MIN_SHARP * 100:.0f}%"
+            return Rejection(Refusal.SIDES, text)
+        run, better = _extended(final, run, sides, bench)
+        if better is None:
+            return Rejection(Refusal.SHAPE, "its corners don't span a plane")
+        final = better
+        if first == 0:
+            break  # From inner contours alone the outer ones are first met too far off; look again.
+    limit = AGREES_PX + AGREES_PART * float(geometry.sides_m[run[0]]) * scale_px
     if final.residual_px > limit:
         text = f"corners {final.residual_px:.1f} px off the drawn landmark, over {limit:.1f} px"
         return Rejection(Refusal.SHAPE, text)

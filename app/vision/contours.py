@@ -9,6 +9,7 @@ Douglas and Peucker, 1973.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,7 +33,7 @@ COMPACTNESS_MAX = 48.0
 codes add up to a fifth."""
 MAX_NODES = 48
 """Contours looked at one by one, the longest first."""
-MAX_POINTS = 160
+MAX_POINTS = 100
 """Points of a contour that are used for its polygon."""
 TOLERANCES = (0.035, 0.055, 0.08)
 """Douglas-Peucker tolerance over perimeter, tried in this order until three or four corners are left. A square's side
@@ -111,8 +112,7 @@ def likely_pairs(tree: Tree, geometry: LandmarkGeometry, min_side_px: float) -> 
     child = np.flatnonzero((tree.parent >= 0) & (tree.length >= MIN_INNER_PX))
     parent = tree.parent[child].astype(np.intp)
     outer, inner = tree.length[parent], tree.length[child]
-    count = len(geometry.landmark.contours)
-    ratios = [geometry.perimeter_m(k) / geometry.perimeter_m(k + 1) for k in range(count - 1)]
+    ratios = geometry.perimeter_ratios
     fits = (outer >= 2.6 * min_side_px) & (outer <= RATIO_SLACK * max(ratios) * inner)
     fits &= outer * RATIO_SLACK >= min(ratios) * inner
     return np.column_stack([parent, child])[fits]
@@ -133,8 +133,25 @@ def _compact(tree: Tree, nodes: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
-def _polygon(contour: int, px: Array, rays: Array, lens: Lens, basis: Array) -> Polygon:
-    """Douglas-Peucker on the tangent plane of one contour; px and rays (m, 2), (m, 3) are of the same points."""
+def _outward(corners: Array, by: float) -> Array:
+    """A polygon's corners moved so that each side moves outward by about `by` (exactly, if it is regular)."""
+    arm = corners - corners.mean(axis=0)
+    length = np.sqrt((arm * arm).sum(axis=1)).clip(1e-9)
+    result: Array = corners + arm * (by / math.cos(math.pi / len(corners)) / length)[:, None]
+    return result
+
+
+def _polygon(contour: int, px: Array, rays: Array, lens: Lens, basis: Array, outward_px: float) -> Polygon:
+    """Douglas-Peucker on the tangent plane of one contour.
+
+    Args:
+        contour: Its index.
+        px: (m, 2) its points.
+        rays: (m, 3) of the same.
+        lens: Of the camera.
+        basis: (3, 3) tangent_from_cam.
+        outward_px: A contour runs through the middles of black pixels; its edge lies this far outside of them.
+    """
     flat = rays @ basis.T
     if not flat[:, 2].min() > WIDEST_RAY:
         return Polygon(contour, px[:1], 0, Rejection(Refusal.SHAPE, "a contour spans more than 160 degrees of view"))
@@ -147,7 +164,7 @@ def _polygon(contour: int, px: Array, rays: Array, lens: Lens, basis: Array) -> 
         corners = np.asarray(simple, dtype=np.float32).reshape(-1, 2)
         if len(corners) <= 4:
             break
-    found = np.array(corners, dtype=np.float64)
+    found = _outward(np.array(corners, dtype=np.float64), outward_px)
     if cv2.contourArea(corners, oriented=True) < 0:
         found = found[::-1]
     rays_found = np.column_stack([found / lens.focal_px, np.ones(len(found))]) @ basis
@@ -193,7 +210,8 @@ def polygons(tree: Tree, nodes: NDArray[np.intp], prepared: Prepared, lens: Lens
             rejection = Rejection(Refusal.SHAPE, "a contour reaches out of the lens's view")
             result[node] = Polygon(node, part, 0, rejection)
             continue
-        result[node] = _polygon(node, part, mine, lens, tangent_basis(middle))
+        edge_px = 0.5 * prepared.reduction * (1.0 if tree.black(node) else -1.0)
+        result[node] = _polygon(node, part, mine, lens, tangent_basis(middle), edge_px)
     return result
 
 

@@ -20,6 +20,8 @@ from app.vision.preprocess import Prepared
 
 STEPS = 9
 """Grey values across a side."""
+CENTRED_REACH_PX = 2.2
+"""How far they reach from an edge known to a fraction of a pixel: over the blur of lens and Gaussian."""
 NARROWEST_PX = 0.9
 """A side with less room than this on each side of it, up to the next edge, is not measured."""
 MIN_CONTRAST = 8.0
@@ -136,29 +138,37 @@ def measure_sides(
     px, step, valid = px[:n], px[n:] - px[:n], seen[:n] & seen[n:]
     room = np.hypot(step[:, 0], step[:, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
-        step = step * np.minimum(1.0, reach_px / room)[:, None]
+        direction = step / room[:, None]
         valid &= room >= NARROWEST_PX
-    grey, inside = _profiles(prepared, px, step)
     sign = np.repeat(geometry.side_sign[part], SAMPLES_PER_SIDE)
-    where, contrast = _crossings(grey * sign[:, None])
-    valid &= inside & np.isfinite(where) & (contrast >= MIN_CONTRAST)
+    edge_px = px
+    # Once to find the edge; once more from there, as black and white are judged by what lies equally far on both sides.
+    for reach in (reach_px, min(reach_px, CENTRED_REACH_PX)):
+        step = direction * np.minimum(room, reach)[:, None]
+        grey, inside = _profiles(prepared, edge_px, step)
+        where, contrast = _crossings(grey * sign[:, None])
+        valid &= inside & np.isfinite(where) & (contrast >= MIN_CONTRAST)
+        edge_px = edge_px + step * np.where(valid, where, 0.0)[:, None]
     typical = float(np.median(contrast[valid])) if valid.any() else 0.0
     valid &= contrast >= CONTRAST_PART * typical
 
-    edge_px = px + step * np.nan_to_num(where)[:, None]
-    rays = lens.rays(np.nan_to_num(edge_px)) @ basis.T
+    rays = lens.rays(np.where(valid[:, None], edge_px, 0.0)) @ basis.T
     valid &= rays[:, 2] > 0.05
-    plane = np.nan_to_num(rays[:, :2] / np.where(valid, rays[:, 2], 1.0)[:, None]).reshape(count, SAMPLES_PER_SIDE, 2)
+    plane = np.where(valid[:, None], rays[:, :2] / rays[:, 2:], 0.0).reshape(count, SAMPLES_PER_SIDE, 2)
     weight = valid.reshape(count, SAMPLES_PER_SIDE).astype(np.float64)
     lines, sigma = _lines(plane, weight)
 
     part_seen = weight.mean(axis=1)
     found_part = part_seen >= MIN_SEEN
     previous = geometry.previous[part] - part.start
-    cross = np.cross(lines[previous], lines)
-    good = found_part & found_part[previous] & (np.abs(cross[:, 2]) > 1e-3)
+    a, b, c = lines.T
+    a0, b0, c0 = lines[previous].T
+    bend = a0 * b - b0 * a
+    good = found_part & found_part[previous] & (np.abs(bend) > 1e-3)
+    bend = np.where(good, bend, 1.0)
     corners = np.full((total, 2), np.nan)
-    corners[part] = cross[:, :2] / np.where(good, cross[:, 2], 1.0)[:, None]
+    corners[part, 0] = (b0 * c - c0 * b) / bend
+    corners[part, 1] = (c0 * a - a0 * c) / bend
     found, corner_found = np.zeros(total, dtype=bool), np.zeros(total, dtype=bool)
     all_seen, all_sigma = np.zeros(total), np.zeros(total)
     found[part], corner_found[part], all_seen[part], all_sigma[part] = found_part, good, part_seen, sigma

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.vision.camera_model import Lens
 from app.vision.fit import Fit, apply, project_pad
-from app.vision.geometry import PATCH, PATCH_EXTENT, LandmarkGeometry
+from app.vision.geometry import NODES, PATCH, PATCH_EXTENT, LandmarkGeometry
 from app.vision.preprocess import Prepared
 from app.vision.refusal import Refusal, Rejection
 
@@ -30,15 +30,13 @@ MIN_INNER = 0.5
 """Smallest correlation of the part inside the innermost contour that was found, where something is drawn there."""
 MIN_CELLS = 40
 """A part of the patch with fewer cells is not correlated by itself."""
+FLAT = 0.002
+"""Variance (black 0, white 1) under which a part of the blurred drawing holds nothing to correlate with."""
 HEADING_MARGIN = 0.35
 """Of the difference that the drawing leads one to expect between a heading and the next best."""
+_ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
 PSF_SIGMA_PX = 0.75
 """Blur of a sharp lens and of the pixel's own area; the Gaussian of the first stage comes on top."""
-
-
-def _polygon_area(corners: Array) -> float:
-    x, y = corners.T
-    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
@@ -50,28 +48,31 @@ def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry
     contours = geometry.landmark.contours
     inverse = np.asarray(np.linalg.inv(fit.basis @ fit.rays_from_pad), dtype=np.float64)
     flat = apply(inverse, fit.plane)
-    start = 0
-    rectified: list[Array] = []
-    for k in range(first, first + count):
-        n = contours[k].shape.corners
-        rectified.append(flat[start : start + n])
-        start += n
+    begin = geometry.slices[first].start
+    starts = [geometry.slices[k].start - begin for k in range(first, first + count)]
+    following = geometry.following[begin : begin + len(flat)] - begin
+    forward, right = flat[:, 0], flat[:, 1]
+    areas = 0.5 * np.add.reduceat(forward * right[following] - forward[following] * right, starts)
+    counts = np.diff([*starts, len(flat)])
+    shifts = np.add.reduceat(flat, starts) / counts[:, None] - geometry.centroids[first : first + count]
     for i, k in enumerate(range(first, first + count - 1)):
         outer, inner = contours[k], contours[k + 1]
         error_m = 0.5 * CORNER_ERROR_PX / scale_px
-        slack = AREA_SLACK + error_m * (4.0 / outer.side_m + 4.0 / inner.side_m)
-        ratio = _polygon_area(rectified[i]) / max(_polygon_area(rectified[i + 1]), 1e-12)
-        drawn = geometry.landmark.area_ratio(k)
+        slack = AREA_SLACK + error_m * (4.0 / geometry.sides_m[k] + 4.0 / geometry.sides_m[k + 1])
+        ratio = float(areas[i]) / max(float(areas[i + 1]), 1e-12)
+        drawn = float(geometry.area_ratios[k])
         if not drawn / slack <= ratio <= drawn * slack:
             limits = f"{drawn / slack:.2f}..{drawn * slack:.2f}"
             text = f"area ratio {outer.name}:{inner.name} {ratio:.2f} outside {limits}"
             return Rejection(Refusal.AREA_RATIO, text)
-        shift = (rectified[i + 1].mean(0) - rectified[i].mean(0)) - (inner.centroid_m - outer.centroid_m)
-        off_px, limit_px = float(np.hypot(*shift)) * scale_px, CORNER_ERROR_PX + 0.04 * outer.side_m * scale_px
+        off_px, limit_px = (
+            math.dist(shifts[i + 1], shifts[i]) * scale_px,
+            CORNER_ERROR_PX + 0.04 * float(geometry.sides_m[k]) * scale_px,
+        )
         if off_px > limit_px:
             text = f"{inner.name} in {outer.name} is {off_px:.1f} px off its place, over {limit_px:.1f} px"
             return Rejection(Refusal.NOT_CONCENTRIC, text)
-    limit = CORNER_ERROR_PX + SHAPE_PART * contours[first].side_m * scale_px
+    limit = CORNER_ERROR_PX + SHAPE_PART * float(geometry.sides_m[first]) * scale_px
     if fit.residual_px > limit:
         text = f"corners {fit.residual_px:.1f} px off the drawn landmark, over {limit:.1f} px"
         return Rejection(Refusal.SHAPE, text)
@@ -97,23 +98,41 @@ def rectify(
     prepared: Prepared, fit: Fit, geometry: LandmarkGeometry, lens: Lens, scale_px: float, sigma_px: float
 ) -> Patch:
     """Sample the patch of a fit; sigma_px is the Gaussian of the first stage."""
-    px, valid = project_pad(fit.rays_from_pad, geometry.patch_points, lens)
-    u0, v0, u1, v1 = prepared.region
-    with np.errstate(invalid="ignore"):
-        seen = valid & (px[:, 0] >= u0) & (px[:, 1] >= v0) & (px[:, 0] <= u1 - 1) & (px[:, 1] <= v1 - 1)
-    at = (np.nan_to_num(px) - (u0, v0) + 0.5) / prepared.reduction - 0.5
-    at32 = at.astype(np.float32).reshape(PATCH, PATCH, 2)
-    grey = cv2.remap(prepared.smooth, at32[..., 0], at32[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    cell_px = PATCH_EXTENT * geometry.landmark.size_m * scale_px / PATCH
+    nodes, _ = project_pad(fit.rays_from_pad, geometry.patch_nodes, lens)
+    nodes = (nodes - prepared.region[:2] + 0.5) / prepared.reduction - 0.5
+    spread = geometry.between_nodes
+    u = (spread @ nodes[:, 0].reshape(NODES, NODES) @ spread.T).astype(np.float32)
+    v = (spread @ nodes[:, 1].reshape(NODES, NODES) @ spread.T).astype(np.float32)
+    height, width = prepared.smooth.shape
+    low_u, low_v = nodes.min(axis=0)
+    high_u, high_v = nodes.max(axis=0)
+    if low_u >= 0 and low_v >= 0 and high_u <= width - 1 and high_v <= height - 1:
+        seen = _ALL_SEEN
+    else:
+        with np.errstate(invalid="ignore"):
+            seen = (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+        u, v = np.where(seen, u, 0.0).astype(np.float32), np.where(seen, v, 0.0).astype(np.float32)
+    grey = cv2.remap(prepared.smooth, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    cell_px = PATCH_EXTENT * geometry.size_m * scale_px / PATCH
     sigma = math.hypot(PSF_SIGMA_PX, sigma_px if prepared.reduction == 1 else 0.4 * prepared.reduction)
-    return Patch(grey.astype(np.float64), seen.reshape(PATCH, PATCH), sigma / cell_px)
+    return Patch(grey.astype(np.float64), seen, sigma / cell_px)
+
+
+def _moments(a: Array, b: Array) -> tuple[float, float, float]:
+    """Variances of two lists of n values, and their covariance, each times n."""
+    n = len(a)
+    mean_a, mean_b = float(a.sum()) / n, float(b.sum()) / n
+    return (
+        float(a @ a) - n * mean_a * mean_a,
+        float(b @ b) - n * mean_b * mean_b,
+        float(a @ b) - n * mean_a * mean_b,
+    )
 
 
 def correlation(a: Array, b: Array) -> float:
     """Normalised correlation of two lists of values, -1..1; 0 where one is flat."""
-    a, b = a - a.mean(), b - b.mean()
-    power = float(a @ a) * float(b @ b)
-    return float(a @ b) / math.sqrt(power) if power > 1e-9 else 0.0
+    aa, bb, ab = _moments(a, b)
+    return ab / math.sqrt(aa * bb) if aa > 1e-9 and bb > 1e-9 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,16 +156,18 @@ def judge(patch: Patch, innermost: int, geometry: LandmarkGeometry) -> Judgement
     """Correlate a patch with the drawing; innermost is the index of the innermost contour that was found."""
     drawing = geometry.template(patch.sigma_cells).white
     seen = patch.seen & geometry.judged
-    if int(seen.sum()) < MIN_CELLS:
+    if np.count_nonzero(seen) < MIN_CELLS:
         return Judgement(0.0, None, 0.0, 0.0)
-    whole = correlation(patch.grey[seen], drawing[seen])
-    drawn = drawing[seen] - drawing[seen].mean()
-    contrast = float(drawn @ patch.grey[seen]) / max(float(drawn @ drawn), 1e-9)
+    gg, dd, gd = _moments(patch.grey[seen], drawing[seen])
+    whole = gd / math.sqrt(gg * dd) if gg > 1e-9 and dd > 1e-9 else 0.0
+    contrast = gd / max(dd, 1e-9)
     inner: float | None = None
     if innermost < len(geometry.landmark.contours) - 1:
         cells = seen & geometry.inside(innermost)
-        if int(cells.sum()) >= MIN_CELLS and float(np.ptp(drawing[cells])) > 0.1:
-            inner = correlation(patch.grey[cells], drawing[cells])
+        if np.count_nonzero(cells) >= MIN_CELLS:
+            gg, dd, gd = _moments(patch.grey[cells], drawing[cells])
+            if dd > FLAT * np.count_nonzero(cells):
+                inner = gd / math.sqrt(gg * dd) if gg > 1e-9 else 0.0
     score = whole if inner is None else 0.5 * (whole + inner)
     return Judgement(whole, inner, contrast, max(0.0, min(1.0, score)))
 

@@ -7,6 +7,7 @@ estimated by the direct linear transform on a tangent plane (Hartley and Zisserm
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,10 @@ from app.frames import Array
 from app.vision.camera_model import Lens, tangent_basis
 from app.vision.geometry import LandmarkGeometry
 
+NEARLY_AS_GOOD = 0.01
+"""Orders of the corners whose residuals differ by less than this part of the landmark's size are told apart by the
+picture, not by the corners."""
+
 
 def project_pad(rays_from_pad: Array, points: Array, lens: Lens) -> tuple[Array, NDArray[np.bool_]]:
     """Points (n, 2) of the pad's plane, forward and right in metres, to pixels (n, 2), and which are seen."""
@@ -24,31 +29,34 @@ def project_pad(rays_from_pad: Array, points: Array, lens: Lens) -> tuple[Array,
 
 
 def homography(source: Array, target: Array) -> Array | None:
-    """(3, 3) homography of points (n, 2) to points (n, 2), n >= 4, least squares; None if they determine none."""
-    centre, scale = target.mean(axis=0), float(np.abs(target - target.mean(axis=0)).max())
-    middle, size = source.mean(axis=0), float(np.abs(source - source.mean(axis=0)).max())
-    if scale < 1e-12 or size < 1e-12:
+    """(3, 3) homography of points (n, 2) to points (n, 2), n >= 4, least squares; None if they determine none.
+
+    Both are scaled but not shifted: the target's origin must be among or near its points.
+    """
+    size, scale = float(np.abs(source).max()), float(np.abs(target).max())
+    if not (size > 1e-12 and scale > 1e-12 and math.isfinite(scale)):
         return None
-    x, y = ((source - middle) / size).T
-    u, v = ((target - centre) / scale).T
-    n = len(x)
-    rows = np.zeros((2 * n, 8))
-    rows[:n, 0], rows[:n, 1], rows[:n, 2] = x, y, 1.0
-    rows[n:, 3], rows[n:, 4], rows[n:, 5] = x, y, 1.0
-    rows[:n, 6], rows[:n, 7] = -u * x, -u * y
-    rows[n:, 6], rows[n:, 7] = -v * x, -v * y
-    right = np.concatenate([u, v])
+    n = len(source)
+    unit, goal = source / size, target / scale
+    rows = np.zeros((2, n, 8))
+    rows[0, :, :2] = rows[1, :, 3:5] = unit
+    rows[0, :, 2] = rows[1, :, 5] = 1.0
+    rows[0, :, 6:] = unit * -goal[:, :1]
+    rows[1, :, 6:] = unit * -goal[:, 1:]
+    flat = rows.reshape(2 * n, 8)
     try:
-        h = np.linalg.solve(rows.T @ rows, rows.T @ right)
+        h = np.linalg.solve(flat.T @ flat, flat.T @ goal.T.reshape(-1))
     except np.linalg.LinAlgError:
         return None
-    if not np.isfinite(h).all():
-        return None
-    core = np.append(h, 1.0).reshape(3, 3)
-    back = np.array([[scale, 0.0, centre[0]], [0.0, scale, centre[1]], [0.0, 0.0, 1.0]])
-    into = np.array([[1.0 / size, 0.0, -middle[0] / size], [0.0, 1.0 / size, -middle[1] / size], [0.0, 0.0, 1.0]])
-    result: Array = back @ core @ into
-    return result / result[2, 2] if abs(result[2, 2]) > 1e-9 else None
+    shrink = scale / size
+    result = np.array(
+        [
+            [h[0] * shrink, h[1] * shrink, h[2] * scale],
+            [h[3] * shrink, h[4] * shrink, h[5] * scale],
+            [h[6] / size, h[7] / size, 1.0],
+        ]
+    )
+    return result if math.isfinite(float(result.sum())) else None
 
 
 def affine(source: Array, target: Array) -> Array:
@@ -89,20 +97,49 @@ def fit_corners(
     plane: Array, indices: NDArray[np.intp], basis: Array, geometry: LandmarkGeometry, focal_px: float
 ) -> Fit | None:
     """Fit to corners whose names are known; plane (k, 2) on the tangent plane `basis`, k >= 4."""
-    matrix = homography(geometry.corners[indices], plane)
+    drawn = geometry.corners[indices]
+    matrix = homography(drawn, plane)
     if matrix is None:
         return None
-    error = apply(matrix, geometry.corners[indices]) - plane
-    residual = float(np.sqrt(np.mean(np.sum(error * error, axis=1)))) * focal_px
+    error = apply(matrix, drawn) - plane
+    residual = math.sqrt(float(np.vdot(error, error)) / len(error)) * focal_px
     return Fit(basis.T @ matrix, basis, plane, indices, residual)
 
 
-def _best_turn(predicted: Array, found: Array) -> tuple[int, float]:
-    """By how many corners `found` (k, 2) must be rolled to meet `predicted`, and the sum of squares that is left."""
-    k = len(found)
-    cost = [float(np.sum((np.roll(found, -turn, axis=0) - predicted) ** 2)) for turn in range(k)]
-    turn = int(np.argmin(cost))
-    return turn, cost[turn]
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """One way to name the corners of a run, with the sum of squares that it leaves (m^2, rectified)."""
+
+    cost: float
+    corners: NDArray[np.intp]
+
+
+def _orders(rectified: list[Array], first: int, anchor: int, geometry: LandmarkGeometry) -> list[_Order]:
+    """Names for the corners of a run, for each of the anchor's own symmetries.
+
+    Args:
+        rectified: (k, 2) corners of each contour on the pad, by a map that takes the anchor's to the drawn ones.
+        first: Index in the landmark of the outermost one.
+        anchor: Which of the run was mapped.
+        geometry: Of the landmark.
+    """
+    centre = geometry.centroids[first + anchor]
+    turns = geometry.turns(len(rectified[anchor]))
+    cost = np.zeros(len(turns))
+    names: list[NDArray[np.intp]] = []
+    start = 0
+    for i, corners in enumerate(rectified):
+        k = len(corners)
+        cycles = geometry.cycles(k)
+        # What the map calls corner 0 may be any: turned[t] are the corners if it is corner t.
+        turned = (corners - centre) @ turns + centre
+        off = turned[:, cycles] - geometry.corners[geometry.slices[first + i]]
+        squares = np.einsum("tckx,tckx->tc", off, off)
+        best = squares.argmin(axis=1)
+        cost += squares[np.arange(len(turns)), best]
+        names.append(cycles[best] + start)
+        start += k
+    return [_Order(float(c), order) for c, order in zip(cost, np.concatenate(names, axis=1), strict=True)]
 
 
 def fit_run(corners_px: list[Array], first: int, geometry: LandmarkGeometry, lens: Lens) -> list[Fit]:
@@ -121,23 +158,27 @@ def fit_run(corners_px: list[Array], first: int, geometry: LandmarkGeometry, len
     basis = tangent_basis(rays.sum(axis=0))
     flat = rays @ basis.T
     plane = flat[:, :2] / flat[:, 2:]
-    ends = np.cumsum([len(c) for c in corners_px])
-    found = [plane[e - len(c) : e] for c, e in zip(corners_px, ends, strict=True)]
-    drawn = [geometry.corners[geometry.slices[first + i]] for i in range(len(found))]
-    indices = np.concatenate([np.arange(s.start, s.stop) for s in geometry.slices[first : first + len(found)]])
-    anchor = next((i for i, c in enumerate(found) if len(c) == 4), 0)
+    anchor = next((i for i, c in enumerate(corners_px) if len(c) == 4), 0)
+    before = sum(len(c) for c in corners_px[:anchor])
+    mine = plane[before : before + len(corners_px[anchor])]
+    drawn = geometry.corners[geometry.slices[first + anchor]]
+    to_pad = homography(mine, drawn) if len(mine) == 4 else affine(mine, drawn)
+    if to_pad is None:
+        return []
+    on_pad = apply(to_pad, plane)
+    rectified: list[Array] = []
+    start = 0
+    for corners in corners_px:
+        rectified.append(on_pad[start : start + len(corners)])
+        start += len(corners)
+    orders = sorted(_orders(rectified, first, anchor, geometry), key=lambda o: o.cost)
+    last = first + len(corners_px) - 1
+    indices = np.arange(geometry.slices[first].start, geometry.slices[last].stop)
+    worst = (1.5 * math.sqrt(orders[0].cost / start) + NEARLY_AS_GOOD * geometry.landmark.size_m) ** 2 * start
     fits: list[Fit] = []
-    for turn in range(len(found[anchor])):
-        turned = np.roll(found[anchor], -turn, axis=0)
-        guess = homography(drawn[anchor], turned) if len(turned) == 4 else affine(drawn[anchor], turned)
-        if guess is None:
-            continue
-        ordered = [
-            turned if i == anchor else np.roll(c, -_best_turn(apply(guess, drawn[i]), c)[0], axis=0)
-            for i, c in enumerate(found)
-        ]
-        fit = fit_corners(np.concatenate(ordered), indices.astype(np.intp), basis, geometry, lens.focal_px)
-        if fit is not None:
-            fits.append(fit)
-    fits.sort(key=lambda f: f.residual_px)
-    return [f for f in fits if f.residual_px <= 1.5 * fits[0].residual_px + 0.3]
+    for order in orders:
+        if order.cost <= worst:
+            fit = fit_corners(plane[order.corners], indices, basis, geometry, lens.focal_px)
+            if fit is not None:
+                fits.append(fit)
+    return fits

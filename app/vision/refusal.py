@@ -18,11 +18,11 @@ class Refusal(IntEnum):
     AREA_RATIO = 6
     NOT_CONCENTRIC = 7
     SHAPE = 8
-    SIDES = 9
-    CONTRAST = 10
-    CORRELATION = 11
-    INNER_CORRELATION = 12
-    HEADING = 13
+    CONTRAST = 9
+    CORRELATION = 10
+    INNER_CORRELATION = 11
+    HEADING = 12
+    SIDES = 13
 
 
 @dataclass(frozen=True, slots=True)
