@@ -28,6 +28,8 @@ from app.wiring import Rig, build_application, build_simulator
 REFRESH_S = 0.25
 READY_TIMEOUT_S = 60.0
 PHONE_TIMEOUT_S = 10.0
+LINGER_S = 1.5
+"""After a mission's end: the record shows that the vehicle rests where it landed."""
 ENDED = frozenset({Phase.LANDED, Phase.IDLE, Phase.HOLD})
 """The phases in which a mission is over, once it has begun."""
 
@@ -120,6 +122,7 @@ async def _attend(
     start_s = time.monotonic()
     phone: asyncio.Task[None] | None = None
     begun = False
+    over_since_s: float | None = None
     while not running.done():
         now_s = time.monotonic()
         display.refresh(now_s)
@@ -132,7 +135,9 @@ async def _attend(
             raise phone.exception() or AssertionError
         if report is not None:
             begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
-            if plan.once and begun and report.phase in ENDED and report.command is None:
+            over = plan.once and begun and report.phase in ENDED and report.command is None
+            over_since_s = (over_since_s or now_s) if over else None
+            if over_since_s is not None and now_s - over_since_s > LINGER_S:
                 break
         if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
             break

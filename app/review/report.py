@@ -57,9 +57,11 @@ def _outcome(flight: Flight, truth: list[dict[str, Any]]) -> tuple[str, str]:
     landed = [entry for entry in flight.phases if entry[1] == "landed"]
     if not landed:
         return phase, reason
-    rest = _last(truth, "rest")
-    if rest is not None and not rest["on_deck"]:
-        return "missed the pad", f"came to rest {rest['error_m']:.2f} m from its centre"
+    start = _last(truth, "start")
+    # Under PX4's own simulator the ground stands still: a vehicle that landed on a moving pad is left behind by it.
+    where = _touchdown(truth) if start is not None and start["vehicle"] == "px4" else _last(truth, "rest")
+    if where is not None and not where["on_deck"]:
+        return "missed the pad", f"came down {where['error_m']:.2f} m from its centre"
     return "landed", landed[-1][2]
 
 
