@@ -69,7 +69,7 @@ def test_touchdown_with_zero_velocity_commanded_never_disarms(flight: Fly) -> No
     one.velocity(0.0, 0.0, 0.8)
     one.until(lambda: one.world.plant.feet.touching > 0, 30.0)
     one.velocity(0.0, 0.0, 0.0)
-    one.run(20.0)
+    one.run(9.0)
     assert one.px4.commander.armed
     assert not one.px4.detector.landed
 

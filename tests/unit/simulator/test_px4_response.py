@@ -134,7 +134,7 @@ def test_px4_with_estimate_errors_wanders_as_measured(flight: Fly) -> None:
         vertical.append(abs(now.d - (body.d + 0.1167)))
         speed.append((now.vn - body.vn) ** 2)
 
-    one.run(120.0, note)
+    one.run(70.0, note)
     assert 0.05 < math.sqrt(sum(h * h for h in horizontal) / len(horizontal)) < 0.45
     assert max(vertical) < 1.6
     assert 0.05 < math.sqrt(sum(speed) / len(speed)) < 0.15
@@ -167,7 +167,8 @@ def test_px4_return_climbs_flies_home_lands_and_disarms(flight: Fly) -> None:
     one = flight()
     one.take_off(5.0)
     one.velocity(4.0, 0.0, 0.0)
-    one.run(6.0)
+    one.run(4.0)
+    one.px4.params.set("RTL_RETURN_ALT", 12.0)
     assert one.px4.set_mode(FlightMode.RETURN) is Result.ACCEPTED
     highest = 0.0
 
@@ -175,8 +176,8 @@ def test_px4_return_climbs_flies_home_lands_and_disarms(flight: Fly) -> None:
         nonlocal highest
         highest = max(highest, -one.px4.estimate.d)
 
-    one.run(90.0, note)
-    assert highest == pytest.approx(30.0, abs=1.0)
+    one.run(50.0, note)
+    assert highest == pytest.approx(12.0, abs=1.0)
     assert not one.px4.commander.armed
     assert math.hypot(one.body.n, one.body.e) < 1.5
     assert one.world.plant.crashed is None
