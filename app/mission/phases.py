@@ -28,15 +28,15 @@ SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
 SETTLED_HEIGHT_M = 0.6
 SETTLED_FOR_S = 1.0
-LOST_AFTER_S = 1.0
-"""Beyond the time at which guidance already brakes: a pad unseen for so long is searched for anew."""
+LOST_AFTER_S = 2.0
+"""Guidance closes in no more after half a second and coasts along; a pad unseen for so long is searched for anew."""
 MISSED_BELOW_PAD_M = -0.35
 """So far below where the pad is believed to be, the vehicle has sunk past it."""
 FALLEN_OFF_S = 1.0
 """Without contact for so long, a vehicle that was on the pad has slid off it."""
 COMMITTED_MAX_S = 20.0
 """From the commit to the disarm: 1 s of sinking, and at most 7 s for PX4's land detector (measured at 0.5 m/s)."""
-ANCHOR_AHEAD_MAX_S = 2.0
+ANCHOR_AHEAD_MAX_S = 4.0
 """A pad that was last seen longer ago is not expected where its last velocity would have taken it."""
 
 
