@@ -91,7 +91,7 @@ def run_demo(rig: Rig, experiments: tuple[str, ...], seed: int, out: Path, conso
     found = {"experiments": results}
     (out / "result.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     console.print(table_of(results))
-    console.print(f"written to {out}: result.json, figures, videos, flight records", highlight=False)
+    console.print(f"written to {out}: result.json, figures, videos, flight records", highlight=False, soft_wrap=True)
     return found
 
 

@@ -55,14 +55,14 @@ class Display:
         report = self._watched.reports.newest
         phase = "starting" if report is None else report.phase.value
         reason = "" if report is None else report.reason
+        figures = self._figures(now_s)
         if self._live is None:
             if (phase, reason) != self._shown:
-                self._console.print(f"  {self._title}: {reason or phase}  ({self._figures(now_s)})", highlight=False)
+                line = f"  {self._title}: {reason or phase}  ({figures})"
+                self._console.print(line, highlight=False, soft_wrap=True)
         else:
             row = Table.grid(padding=(0, 2))
-            row.add_row(
-                f"[bold]{self._title}[/]", f"[bold cyan]{phase:<9}[/]", self._figures(now_s), f"[dim]{reason}[/]"
-            )
+            row.add_row(f"[bold]{self._title}[/]", f"[bold cyan]{phase:<9}[/]", figures, f"[dim]{reason}[/]")
             self._live.update(row, refresh=True)
             if report is not None and self._shown is not None and (phase, reason) != self._shown:
                 self._console.print(f"  {self._title}: {reason}", highlight=False)
