@@ -96,10 +96,12 @@ def _draw(
 
 
 def middle_of_descent(record: Path, flight: Flight) -> Frame | None:
-    """The frame nearest to the moment at which the vehicle came through 1.5 m over the pad; None without such."""
-    if not len(flight.fix_t_s):
+    """The frame nearest to the moment at which a landing came through 1.5 m over the pad; None without a landing."""
+    begun_s = next((t for t, phase, _ in flight.phases if phase == "land"), np.inf)
+    descending = flight.fix_t_s >= begun_s
+    if not descending.any():
         return None
-    at_s = float(flight.fix_t_s[np.argmin(np.abs(flight.fix_height_m - DESCENT_HEIGHT_M))])
+    at_s = float(flight.fix_t_s[descending][np.argmin(np.abs(flight.fix_height_m[descending] - DESCENT_HEIGHT_M))])
     nearest: Frame | None = None
     for _, _, _, frame in read_record(record):
         if isinstance(frame, Frame) and (
