@@ -38,6 +38,7 @@ class Film:
         drawn: Frames so far.
         dropped: Instants that were not drawn, the last one not being finished.
         late_s: Longest time that a frame came after it was due.
+        failure: What ended the drawing, or None.
     """
 
     def __init__(self, renderer: Draws, server: FrameServer, latency_s: float, exposure_s: float) -> None:
@@ -49,6 +50,7 @@ class Film:
         self.drawn = 0
         self.dropped = 0
         self.late_s = 0.0
+        self.failure: Exception | None = None
         self._threads = [
             threading.Thread(target=self._draw, name="film-draw", daemon=True),
             threading.Thread(target=self._deliver, name="film-deliver", daemon=True),
@@ -66,11 +68,19 @@ class Film:
 
     def close(self) -> None:
         """Finish what is being drawn and end both threads."""
-        self._instants.put(None)
+        if self.failure is None:
+            self._instants.put(None)
         for thread in self._threads:
             thread.join(5.0)
 
     def _draw(self) -> None:
+        try:
+            self._draw_all()
+        except Exception as error:  # the process's main loop ends with it
+            self.failure = error
+        self._frames.put(None)
+
+    def _draw_all(self) -> None:
         while (instant := self._instants.get()) is not None:
             sequence, t_capture_s, truth = instant
             image = self._renderer.render(truth)
@@ -78,7 +88,6 @@ class Film:
             height, width = image.shape
             header = FrameHeader(sequence, t_capture_s, self._exposure_s, width, height)
             self._frames.put((header, image.tobytes()))
-        self._frames.put(None)
 
     def _deliver(self) -> None:
         while (frame := self._frames.get()) is not None:

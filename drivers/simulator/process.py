@@ -118,6 +118,8 @@ def run(argv: list[str], say: Callable[[str], None], stop: threading.Event) -> N
     say(json.dumps({"ready": True, "frames": str(options.frames), "vehicle": world.vehicle}))
     try:
         while not stop.is_set():
+            if film.failure is not None:
+                raise film.failure
             wait_s = scene.advance(film)
             if wait_s > 0.0:
                 select.select(scene.sockets(), [], [], min(wait_s, SLEEP_MAX_S))

@@ -8,6 +8,9 @@ import numpy as np
 from drivers.simulator.decals import Decal, decal, grid, inside, rectangle
 
 PAINT = 0.50
+LANE_PERIOD_M = 9.0
+LANE_OFFSET_M = -2.2
+"""To the left of the way that the pad drives."""
 SHADE = 0.55
 """How much of the light the vehicle's shadow takes."""
 

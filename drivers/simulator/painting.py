@@ -1,0 +1,113 @@
+"""Laying flat things over the light of a view: decals, the printed landmark, filled hulls."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from cv2.typing import MatLike
+
+from drivers.simulator.decals import Decal, outline
+from drivers.simulator.print import Layer, paint_layer
+from drivers.simulator.textures import Plane
+from drivers.simulator.view import Array, Camera, Place, View
+
+SAMPLES_MAX = 130_000
+"""Supersampling of a decal stays under this many samples."""
+FACTOR_MAX = 4
+
+
+def _enlarge(plane: Plane, factor: int) -> Plane:
+    """A plane at factor times the samples, pixel areas kept in place."""
+    return np.asarray(cv2.resize(plane, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def _sample(texture: Plane, u: MatLike, v: MatLike, factor: int) -> Plane:
+    """The texture at (u, v), averaged over factor x factor samples a pixel; 0 outside of it."""
+    drawn = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    if factor > 1:
+        size = (drawn.shape[1] // factor, drawn.shape[0] // factor)
+        drawn = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(drawn, dtype=np.float32)
+
+
+def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) -> None:
+    """Lay a decal over the light."""
+    box = camera.box(view, picture.rim_m, place)
+    if box is None:
+        return
+    u0, v0, u1, v1 = box
+    factor = max(1, min(FACTOR_MAX, math.isqrt(SAMPLES_MAX // ((u1 - u0) * (v1 - v0)))))
+    wanted_m = (view.height_m - place.height_m) / camera.lens.focal_px / factor
+    finest = math.floor(math.log2(max(wanted_m / picture.texel_m, 1e-6)) + 0.35)
+    level = max(0, min(len(picture.alphas) - 1, finest))
+    texel_m = picture.texel_m * 2**level
+    forward, right = view.on_plane(place)
+    # Columns run to the right from the left edge, rows backward from the front edge.
+    column = (right - (0.0, 0.0, picture.left_m)) / texel_m - (0.0, 0.0, 0.5)
+    row = ((0.0, 0.0, picture.front_m) - forward) / texel_m - (0.0, 0.0, 0.5)
+    north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
+    if factor > 1:
+        north, east = _enlarge(north, factor), _enlarge(east, factor)
+    u = cv2.addWeighted(north, float(column[0]), east, float(column[1]), float(column[2]))
+    v = cv2.addWeighted(north, float(row[0]), east, float(row[1]), float(row[2]))
+    under = light[v0:v1, u0:u1]
+    alpha = _sample(picture.alphas[level], u, v, factor)
+    under *= np.float32(1.0) - alpha
+    if picture.values:
+        under += _sample(picture.values[level], u, v, factor)
+
+
+def lay_print(light: Plane, camera: Camera, view: View, layers: tuple[Layer, ...], place: Place) -> None:
+    """Lay the board and the contours on it over the light."""
+    board = camera.box(view, layers[0].rim_m, place)
+    if board is None:
+        return
+    scale = view.on_plane(place)
+    u0, v0, u1, v1 = board
+    part = (slice(v0, v1), slice(u0, u1))
+    above_m = view.height_m - place.height_m
+    per_pixel = _per_pixel(view.north[part], view.east[part], camera.pixel_angle[part], above_m)
+    for layer in layers:
+        box = camera.box(view, layer.rim_m, place)
+        if box is None:
+            return  # the contours inside are out of sight too
+        a0, b0, a1, b1 = max(box[0], u0), max(box[1], v0), min(box[2], u1), min(box[3], v1)
+        if a1 <= a0 or b1 <= b0:
+            return
+        part = (slice(b0, b1), slice(a0, a1))
+        piece = per_pixel[b0 - v0 : b1 - v0, a0 - u0 : a1 - u0]
+        paint_layer(light[part], layer, (view.north[part], view.east[part]), scale, piece)
+
+
+def _per_pixel(north: Plane, east: Plane, angle: Plane, above_m: float) -> Plane:
+    """One over what a pixel measures on a plane: its angle's side grows by (1 + slope^2)^(3/4) under a slant."""
+    stretch = cv2.multiply(north, north)
+    cv2.add(stretch, cv2.multiply(east, east), dst=stretch)
+    np.add(stretch, np.float32(1.0), out=stretch)
+    cv2.sqrt(stretch, dst=stretch)
+    cv2.multiply(stretch, cv2.sqrt(stretch), dst=stretch)
+    cv2.multiply(stretch, angle, dst=stretch)
+    return np.asarray(cv2.divide(1.0 / above_m, stretch), dtype=np.float32)
+
+
+def fill_hull(light: Plane, camera: Camera, view: View, points: Array, shade: float) -> None:
+    """Fill the convex hull of points (n, 2), given as slopes north and east, with one shade.
+
+    In the plane of slopes straight lines stay straight, so the hull is taken there and bent by the lens after.
+    """
+    hull = cv2.convexHull(points.astype(np.float32))[:, 0, :].astype(np.float64)
+    edges = outline(hull)
+    pixels = camera.lens.project(np.column_stack([edges, np.ones(len(edges))]) @ view.world_from_cam)
+    if np.isnan(pixels).any():
+        return
+    height, width = light.shape
+    u0, v0 = (max(0, math.floor(x) - 2) for x in pixels.min(axis=0))
+    u1, v1 = min(width, math.ceil(pixels[:, 0].max()) + 3), min(height, math.ceil(pixels[:, 1].max()) + 3)
+    if u1 <= u0 or v1 <= v0:
+        return
+    mask = np.zeros((v1 - v0, u1 - u0), dtype=np.uint8)
+    cv2.fillPoly(mask, [np.round((pixels - (u0, v0)) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+    under = light[v0:v1, u0:u1]
+    under += mask.astype(np.float32) * np.float32(1.0 / 255.0) * (np.float32(shade) - under)

@@ -1,0 +1,184 @@
+"""The camera in the scene: where it is, along which direction each pixel looks, what of the image an outline covers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import CameraConfig, LensConfig
+from app.frames import BODY_FROM_CAM_DOWN, rotation_from_euler, rotation_from_quaternion
+from drivers.simulator.lens import Lens
+from drivers.simulator.textures import Plane
+from drivers.simulator.world import Truth
+
+Array = NDArray[np.float64]
+Box = tuple[int, int, int, int]
+"""(u0, v0, u1, v1), half open."""
+
+HORIZON = 0.02
+"""Cosine from the vertical at which the ground ends in haze."""
+CLOSEST_M = 0.02
+"""Nothing nearer than this under the camera is drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a flat thing lies: the origin and heading of its frame (forward, right), and its height.
+
+    Attributes:
+        north_m: Of its origin.
+        east_m: Of its origin.
+        heading_rad: Of its forward axis.
+        height_m: Over the ground.
+    """
+
+    north_m: float
+    east_m: float
+    heading_rad: float
+    height_m: float
+
+    def world(self, points_m: Array) -> Array:
+        """(n, 2) north, east of points (n, 2) forward, right."""
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        result: Array = points_m @ np.array([[c, s], [-s, c]]) + (self.north_m, self.east_m)
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The camera at one instant.
+
+    Attributes:
+        position: (3,) north, east, down of the optical centre.
+        world_from_cam: (3, 3).
+        north: (height, width) metres north per metre down, along each pixel's direction.
+        east: The same to the east.
+        truth: Where everything else is.
+    """
+
+    position: Array
+    world_from_cam: Array
+    north: Plane
+    east: Plane
+    truth: Truth
+
+    @property
+    def height_m(self) -> float:
+        """Of the optical centre over the ground."""
+        return -float(self.position[2])
+
+    @property
+    def pad_place(self) -> Place:
+        """The pad's frame, at its height."""
+        pad = self.truth.pad
+        return Place(pad.north_m, pad.east_m, pad.heading_rad, -pad.down_m)
+
+    def on_plane(self, place: Place) -> Array:
+        """(2, 3) forward and right in a place's frame are this @ (north slope, east slope, 1) of a pixel."""
+        above = self.height_m - place.height_m
+        c, s = math.cos(place.heading_rad), math.sin(place.heading_rad)
+        dn, de = float(self.position[0]) - place.north_m, float(self.position[1]) - place.east_m
+        return np.array([[above * c, above * s, c * dn + s * de], [-above * s, above * c, c * de - s * dn]])
+
+
+def _combine(planes: tuple[Plane, ...], weights: Array, out: Plane) -> None:
+    """The weighted sum of three planes."""
+    cv2.addWeighted(planes[0], float(weights[0]), planes[1], float(weights[1]), 0.0, dst=out)
+    cv2.scaleAdd(planes[2], float(weights[2]), out, dst=out)
+
+
+class Camera:
+    """A lens on a vehicle.
+
+    Args:
+        lens: The lens.
+        mount: How it is mounted.
+
+    Attributes:
+        lens: The lens.
+        rays: (height, width, 3) directions of the pixels in the camera's axes.
+        pixel_angle: (height, width) side of each pixel's solid angle, rad.
+    """
+
+    def __init__(self, lens: LensConfig, mount: CameraConfig) -> None:
+        self.lens = Lens(lens)
+        self.rays = self.lens.rays()
+        self.pixel_angle = self.lens.pixel_angle(self.rays)
+        self._rays = tuple(np.ascontiguousarray(self.rays[..., k]) for k in range(3))
+        self._position_body_m = np.array(mount.position_body_m, dtype=np.float64)
+        self._body_from_cam = (
+            rotation_from_euler(
+                math.radians(mount.mount_roll_deg),
+                math.radians(mount.mount_pitch_deg),
+                math.radians(mount.mount_yaw_deg),
+            )
+            @ BODY_FROM_CAM_DOWN
+        )
+        self._planes = tuple(np.empty((self.lens.height, self.lens.width), dtype=np.float32) for _ in range(3))
+
+    def look(self, truth: Truth, shift_s: float = 0.0) -> View:
+        """The view a little before or after an instant. It is valid until the next: the planes are used again."""
+        position = np.array(truth.pos) + shift_s * np.array(truth.vel)
+        p, q, r = (shift_s * rate for rate in truth.rates)
+        small = np.array([[1.0, -r, q], [r, 1.0, -p], [-q, p, 1.0]])
+        world_from_body = rotation_from_quaternion(np.array(truth.q)) @ small
+        world_from_cam: Array = world_from_body @ self._body_from_cam
+        north, east, down = self._planes
+        for plane, row in zip(self._planes, world_from_cam, strict=True):
+            _combine(self._rays, row, plane)
+        np.maximum(down, np.float32(HORIZON), out=down)
+        cv2.divide(north, down, dst=north)
+        cv2.divide(east, down, dst=east)
+        pad = truth.pad
+        moved = (pad.north_m + shift_s * pad.vel_north_m_s, pad.east_m + shift_s * pad.vel_east_m_s)
+        shifted = Truth(
+            truth.t_s + shift_s,
+            (float(position[0]), float(position[1]), float(position[2])),
+            truth.vel,
+            truth.q,
+            truth.rates,
+            type(pad)(*moved, pad.down_m, pad.vel_north_m_s, pad.vel_east_m_s, pad.heading_rad, pad.deck_half_m),
+        )
+        return View(position + world_from_body @ self._position_body_m, world_from_cam, north, east, shifted)
+
+    def box(self, view: View, rim_m: Array, place: Place) -> Box | None:
+        """What of the image an outline (n, 2) forward, right may cover; None: nothing."""
+        if view.height_m - place.height_m < CLOSEST_M:
+            return None
+        points = np.empty((len(rim_m), 3))
+        points[:, :2], points[:, 2] = place.world(rim_m), -place.height_m
+        pixels = self.lens.project((points - view.position) @ view.world_from_cam)
+        width, height = self.lens.width, self.lens.height
+        seen = ~np.isnan(pixels[:, 0])
+        if not seen.any():
+            return None
+        low, high = np.nanmin(pixels, axis=0), np.nanmax(pixels, axis=0)
+        if not seen.all():
+            # Part of the rim is out of the lens's sight: the pixels of the rest bound nothing.
+            low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
+        # A side bends between its points by a distorted lens: two pixels more, and a share of the size.
+        margin = 2.0 + 0.02 * float((high - low).max())
+        u0, v0 = max(0, math.floor(low[0] - margin)), max(0, math.floor(low[1] - margin))
+        u1, v1 = min(width, math.ceil(high[0] + margin) + 1), min(height, math.ceil(high[1] + margin) + 1)
+        return None if u1 <= u0 or v1 <= v0 else (u0, v0, u1, v1)
+
+    def is_filled(self, view: View, rim_m: Array, place: Place) -> bool:
+        """Whether the image's border lies inside the rectangle about a rim: nothing but what it bounds shows."""
+        if view.height_m - place.height_m < CLOSEST_M:
+            return False
+        scale = view.on_plane(place)
+        low, high = 0.98 * rim_m.min(axis=0), 0.98 * rim_m.max(axis=0)
+        for part in (
+            (slice(None, None, self.lens.height - 1), slice(None, None, 16)),
+            (slice(None, None, 16), slice(None, None, self.lens.width - 1)),
+        ):
+            north, east = view.north[part], view.east[part]
+            for row, least, most in zip(scale, low, high, strict=True):
+                along = row[0] * north + row[1] * east + row[2]
+                if along.min() < least or along.max() > most:
+                    return False
+        return True
