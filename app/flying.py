@@ -26,6 +26,8 @@ from app.runtime import Application
 from app.wiring import Rig, build_application, build_simulator
 
 REFRESH_S = 0.25
+SWITCH_INTERVAL_S = 0.001
+"""The interpreter's: vision's thread holds it no longer than this (5 ms by default) when a setpoint is due."""
 READY_TIMEOUT_S = 60.0
 PHONE_TIMEOUT_S = 10.0
 LINGER_S = 1.5
@@ -74,6 +76,7 @@ async def fly(plan: Plan, console: Console) -> dict[str, Any]:
     Raises:
         AlightError: Something doesn't open, or failed.
     """
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     async with AsyncExitStack() as stack:
         source, simulator = None, None
         if plan.rig.config.camera.driver == "synthetic":

@@ -127,7 +127,7 @@ def _hover(state: MissionState, inputs: MissionInputs, now_s: float, config: Mis
     if state.command.action is OperatorAction.SEARCH:
         done = CommandAnswer(state.command.number, CommandResult.ACCEPTED)
         text = OperatorText(f"hover: {Reason.SETTLED.value}", Severity.NOTICE)
-        return Transition(replace(state, command=None), answers=(done,), texts=(text,))
+        return Transition(replace(state, command=None, tries=0), answers=(done,), texts=(text,))
     height_m = state.command.height_m or config.track_height_m
     return go(state, Phase.TRACK, Reason.SETTLED, now_s, goal=numbered(state, GoalKind.TRACK, height_m))
 
@@ -147,7 +147,7 @@ def _track(state: MissionState, inputs: MissionInputs, now_s: float, config: Mis
     if state.command.action is OperatorAction.TRACK:
         done = CommandAnswer(state.command.number, CommandResult.ACCEPTED)
         text = OperatorText(f"track: {Reason.TRACK_STEADY.value}", Severity.NOTICE)
-        return Transition(replace(state, command=None), answers=(done,), texts=(text,))
+        return Transition(replace(state, command=None, tries=0), answers=(done,), texts=(text,))
     if now_s - state.since_s >= config.track_time_before_land_s:
         return go(state, Phase.LAND, Reason.TRACK_STEADY, now_s, goal=numbered(state, GoalKind.LAND))
     return Transition(state)
