@@ -44,7 +44,7 @@ class PhoneAction(StrEnum):
     ABORT = "abort"
 
 
-@cli.command()
+@cli.command(short_help="Fly the paper's two experiments in the simulator.")
 def demo(
     experiment: Annotated[Experiment | None, typer.Option(help="One of the two; both without it.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of wind, light and the pad's place.")] = 1,
@@ -64,7 +64,7 @@ def demo(
         raise typer.Exit(1)
 
 
-@cli.command()
+@cli.command(short_help="Fly a rig: real hardware, or PX4 SITL.")
 def run(
     config: Annotated[Path, typer.Option(help="Rig file, such as configs/sitl.toml.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the flight record; the rig's otherwise.")] = None,
@@ -79,7 +79,7 @@ def run(
     run_rig(load_rig(config), out, once, Console(stderr=True))
 
 
-@cli.command()
+@cli.command(short_help="Command Alight as a phone does.")
 def phone(
     action: Annotated[PhoneAction, typer.Argument(help="What to ask for.")],
     height: Annotated[float | None, typer.Option(min=0.5, max=50, help="Height over the pad to track at, m.")] = None,
@@ -101,7 +101,7 @@ def phone(
     raise typer.Exit(0 if result is CommandResult.ACCEPTED else 1)
 
 
-@cli.command()
+@cli.command(short_help="Look at a rig before a flight.")
 def check(
     config: Annotated[Path, typer.Option(help="Rig file.")],
     seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to look at each part.")] = 3.0,
@@ -119,7 +119,7 @@ def check(
         raise ConfigError(f"{config}: {faults} fault(s)", "mend what is marked FAULT above")
 
 
-@cli.command()
+@cli.command(short_help="Draw a landmark at true size.")
 def landmark(
     out: Annotated[Path, typer.Option(help="File to write: .pdf, .svg or .png.")],
     size_cm: Annotated[float | None, typer.Option(min=2, max=2000, help="Side of the outermost contour.")] = None,
@@ -136,7 +136,7 @@ def landmark(
         typer.echo(path)
 
 
-@cli.command()
+@cli.command(short_help="Find the landmark in images, folders and videos.")
 def detect(
     paths: Annotated[list[Path], typer.Argument(help="Images, folders and videos.")],
     camera: Annotated[Path, typer.Option(help="Camera file, such as configs/cameras/pi-fisheye-640.toml.")],

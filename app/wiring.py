@@ -115,9 +115,21 @@ def load_rig(path: Path) -> Rig:
         LandmarkError: The pad can't be drawn.
     """
     config = read_config(path, RigConfig)
-    lens_config = read_lens(resolve(path, config.camera.lens))
-    landmark = read_landmark(resolve(path, config.pad))
+    lens_config = read_lens(_named(path, "camera.lens", config.camera.lens))
+    landmark = read_landmark(_named(path, "pad", config.pad))
     return Rig(path, config, landmark, lens_config, lens_from_config(lens_config))
+
+
+def _named(path: Path, key: str, name: str) -> Path:
+    """The file that a key of a rig file names.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    named = resolve(path, name)
+    if not named.is_file():
+        raise ConfigError(f"{path}: {key} = {name!r}: no such file ({named})", "give a path relative to the rig file")
+    return named
 
 
 def make_camera(rig: Rig, source: str | None = None) -> Camera:
