@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 
 from app.clock import MonotonicClock
-from app.config import LensConfig, PadConfig, RigConfig, WorldConfig, read_config, resolve
+from app.config import LensConfig, PadConfig, RigConfig, VisionConfig, WorldConfig, read_config, resolve
 from app.errors import ConfigError
-from app.estimation.fix import FixMaker, pose_estimator
+from app.estimation.fix import FixMaker, Method, pose_estimator
 from app.estimation.height_table import read_height_table
 from app.estimation.mount import body_from_cam
 from app.landmark import Landmark, paper_landmark
 from app.messages import OperatorAction
 from app.ports import Autopilot, Camera
+from app.review.inspect import InspectedFrame, inspect
 from app.runtime import Application, Parts
 from app.tasks.compute import InThread
 from app.vision.camera_model import Lens, lens_from_config
 from app.vision.detector import Detector
 from drivers.autopilot.px4_mavsdk import Px4Autopilot
+from drivers.camera.images import open_sources
 from drivers.camera.opencv import OpenCvCamera
 from drivers.camera.picamera import PiCamera
 from drivers.camera.synthetic import SyntheticCamera
@@ -41,6 +43,7 @@ __all__ = [
     "SimulatorProcess",
     "build_application",
     "build_simulator",
+    "inspect_files",
     "load_rig",
     "make_camera",
     "open_autopilot",
@@ -204,3 +207,39 @@ def tell(address: str, action: OperatorAction, height_m: float | None) -> Iterat
         OperatorError: Nobody answers.
     """
     return send_command(address, action, height_m)
+
+
+def inspect_files(
+    paths: Sequence[Path],
+    *,
+    camera: Path,
+    pad: Path | None,
+    method: Method,
+    sequence: bool | None,
+    draw: Path | None,
+) -> Iterator[InspectedFrame]:
+    """Look for a landmark in images, folders and videos.
+
+    Args:
+        paths: What to look at.
+        camera: Camera file.
+        pad: Pad file; None for the paper's landmark.
+        method: How the pose is worked out.
+        sequence: Threshold and region carry over; None: for videos only.
+        draw: Folder for pictures of what was seen.
+
+    Raises:
+        AlightError: A file is missing, wrong, or not what it should be.
+    """
+    cv2.setNumThreads(1)
+    lens = lens_from_config(read_lens(camera))
+    landmark = read_landmark(pad)
+    return inspect(
+        open_sources(paths),
+        lens=lens,
+        landmark=landmark,
+        vision=VisionConfig(),
+        method=method,
+        sequence=sequence,
+        draw=draw,
+    )
