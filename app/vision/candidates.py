@@ -22,14 +22,16 @@ from app.vision.preprocess import Prepared
 from app.vision.refusal import Refusal, Rejection
 from app.vision.table import Alignment, alignments
 
-SMALL_PX = 46.0
+SMALL_PX = 60.0
 """Landmarks with a smaller outer side are aligned as a picture, larger ones by their sides: between the paper's two
-innermost contours there are two pixels at this size."""
+innermost contours there are 2.7 pixels at this size."""
 COARSE_REACH_PX = 2.6
 FINE_REACH_PX = 1.7
 MIN_SHARP = 0.5
 """Part of a run's corners whose sides must be measurable."""
 MIN_GAP_SEEN_PX = 1.0
+MIN_CORNERS = 6
+"""So many measured corners are trusted without the binary image's."""
 MIN_INNER_SEEN = 0.75
 AGREES_PX = 1.5
 """A contour that the threshold missed counts as found if its measured corners lie this near to the fit."""
@@ -104,8 +106,16 @@ def _extended(fit: Fit, run: range, sides: Sides, bench: Bench) -> tuple[range, 
     while high < count and whole[high]:
         high += 1
     indices = np.arange(geometry.slices[low].start, geometry.slices[high - 1].stop)
-    plane = np.where(sides.corner_found[indices, None], sides.corners_plane[indices], predicted[indices])
-    return range(low, high), fit_corners(plane, indices, fit.basis, geometry, focal_px)
+    measured = sides.corner_found[indices]
+    if np.count_nonzero(measured) < MIN_CORNERS:
+        plane = np.where(measured[:, None], sides.corners_plane[indices], predicted[indices])
+        return range(low, high), fit_corners(plane, indices, fit.basis, geometry, focal_px)
+    better = fit_corners(sides.corners_plane[indices[measured]], indices[measured], fit.basis, geometry, focal_px)
+    if better is None:
+        return range(low, high), None
+    others = apply(better.basis @ better.rays_from_pad, geometry.corners[indices])
+    plane = np.where(measured[:, None], sides.corners_plane[indices], others)
+    return range(low, high), replace(better, indices=indices, plane=plane)
 
 
 def _quarter_turns(a: Fit, b: Fit) -> int:

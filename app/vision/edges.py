@@ -22,7 +22,9 @@ STEPS = 9
 """Grey values across a side."""
 CENTRED_REACH_PX = 2.2
 """How far they reach from an edge known to a fraction of a pixel: over the blur of lens and Gaussian."""
-NARROWEST_PX = 0.9
+WIDE_PX = 2.0
+"""With this much room black and white are seen as they are."""
+NARROWEST_PX = 1.2
 """A side with less room than this on each side of it, up to the next edge, is not measured."""
 MIN_CONTRAST = 8.0
 CONTRAST_PART = 0.35
@@ -69,13 +71,14 @@ def _profiles(prepared: Prepared, px: Array, step: Array) -> tuple[Array, NDArra
     return grey.astype(np.float64), inside
 
 
-def _crossings(rising: Array) -> tuple[Array, Array]:
-    """For profiles (n, STEPS) that rise from black to white: where they cross their middle level, in -1..1, and their
-    contrast; not a number where they don't.
-    """
+def _levels(rising: Array) -> tuple[Array, Array]:
+    """Black and white (n,) on either side of the middle of profiles (n, STEPS) that rise from black to white."""
     half = STEPS // 2
-    low, high = rising[:, : half + 1].min(axis=1), rising[:, half:].max(axis=1)
-    level = 0.5 * (low + high)
+    return rising[:, : half + 1].min(axis=1), rising[:, half:].max(axis=1)
+
+
+def _crossings(rising: Array, level: Array) -> Array:
+    """Where profiles (n, STEPS) that rise from black to white cross a level (n,), in -1..1; not a number where not."""
     before, after = rising[:, :-1], rising[:, 1:]
     crosses = (before < level[:, None]) & (after >= level[:, None])
     rise = np.where(crosses, after - before, 1.0)
@@ -84,7 +87,7 @@ def _crossings(rising: Array) -> tuple[Array, Array]:
     distance = np.where(crosses, np.abs(where), np.inf)
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(rising))
-    return np.where(crosses[rows, nearest], where[rows, nearest], np.nan), high - low
+    return np.where(crosses[rows, nearest], where[rows, nearest], np.nan)
 
 
 def _lines(points: Array, weight: Array) -> tuple[Array, Array]:
@@ -142,13 +145,24 @@ def measure_sides(
         valid &= room >= NARROWEST_PX
     sign = np.repeat(geometry.side_sign[part], SAMPLES_PER_SIDE)
     edge_px = px
+    wide = room >= WIDE_PX
+    middle: float | None = None
     # Once to find the edge; once more from there, as black and white are judged by what lies equally far on both sides.
     for reach in (reach_px, min(reach_px, CENTRED_REACH_PX)):
         step = direction * np.minimum(room, reach)[:, None]
         grey, inside = _profiles(prepared, edge_px, step)
-        where, contrast = _crossings(grey * sign[:, None])
+        rising = grey * sign[:, None]
+        low, high = _levels(rising)
+        contrast = high - low
+        level = 0.5 * (low + high)
+        if middle is not None:
+            # A band of two or three pixels never gets as black or as white as it is; its edges still cross the middle.
+            level = np.where(wide, level, np.clip(sign * middle, low + 0.1 * contrast, high - 0.1 * contrast))
+        where = _crossings(rising, level)
         valid &= inside & np.isfinite(where) & (contrast >= MIN_CONTRAST)
         edge_px = edge_px + step * np.where(valid, where, 0.0)[:, None]
+        if (valid & wide).any():
+            middle = float(np.median((sign * level)[valid & wide]))
     typical = float(np.median(contrast[valid])) if valid.any() else 0.0
     valid &= contrast >= CONTRAST_PART * typical
 

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.landmark import Landmark
+from app.config import LensConfig
+from app.landmark import Landmark, paper_landmark
 
 F64 = NDArray[np.float64]
 Polygon = tuple[F64, float]
@@ -61,6 +62,32 @@ class TestLens:
         ray = np.stack([x * s, y * s, np.cos(theta)], axis=-1)
         ray[theta > 1.66] = 0.0
         return ray
+
+    def project(self, points: F64) -> F64:
+        """(n, 2) pixels of points (n, 3) in front of a lens without distortion, by the textbook."""
+        assert not self.k
+        x, y, z = points.T
+        rho = np.hypot(x, y)
+        if self.model == "pinhole":
+            radius = rho / z
+        else:
+            radius = np.arctan2(rho, z)
+        scale = np.where(rho > 0, radius / np.where(rho > 0, rho, 1.0), 1.0 / z) * self.f
+        return np.column_stack([self.cx + x * scale, self.cy + y * scale])
+
+    @property
+    def config(self) -> LensConfig:
+        """The same lens as a camera file has it."""
+        return LensConfig(
+            model=self.model,
+            width_px=self.width,
+            height_px=self.height,
+            fx_px=self.f,
+            fy_px=self.f,
+            cx_px=self.cx,
+            cy_px=self.cy,
+            distortion=self.k,
+        )
 
 
 FISHEYE = TestLens("equidistant", 215.0)
@@ -146,6 +173,7 @@ class Renderer:
 
     texel_m: float = 0.003
     _pyramid: list[NDArray[np.uint8]] = field(default_factory=list)
+    _rays: dict[TestLens, tuple[F64, F64, F64]] = field(default_factory=dict)
 
     def _ground(self, p: F64, footprint_m: float) -> F64:
         if not self._pyramid:
@@ -157,9 +185,38 @@ class Renderer:
                 self._pyramid.append(np.clip(half, 0, 255).astype(np.uint8))
         level = int(np.clip(round(math.log2(max(footprint_m / self.texel_m, 1.0))), 0, len(self._pyramid) - 1))
         texture = self._pyramid[level]
-        q = np.mod(p / (self.texel_m * 2**level) + 200.0, texture.shape[0]).astype(np.float32)
+        q = np.mod((p / (self.texel_m * 2**level) + 200.0).astype(np.float32), np.float32(texture.shape[0]))
         drawn = cv2.remap(texture, q[..., 1], q[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         return drawn.astype(np.float64)
+
+    @staticmethod
+    def _paint(
+        image: F64,
+        polygons: Sequence[Polygon],
+        box: tuple[slice, slice],
+        points: F64,
+        on_plane: NDArray[np.bool_],
+        hit: Callable[[F64, F64], tuple[F64, NDArray[np.bool_]]],
+    ) -> None:
+        """Polygons into the part of the image that they lie in; pixels on an edge are cast SUB x SUB times."""
+        part, p, down = image[box], points[box], on_plane[box]
+        local = np.zeros(part.shape)
+        local[:, 1:] += np.linalg.norm(np.diff(p, axis=1), axis=-1)
+        local[1:] += np.linalg.norm(np.diff(p, axis=0), axis=-1)
+        ground = part.copy()
+        near = np.zeros(part.shape, dtype=bool)
+        for poly, grey in polygons:
+            d = _inside(poly, p)
+            part[down & (d < 0)] = grey
+            near |= down & (np.abs(d) < 1.3 * local)
+        rows, cols = np.nonzero(near)
+        step = (np.arange(SUB) + 0.5) / SUB - 0.5
+        du, dv = np.meshgrid(step, step)
+        fine, _ = hit(cols[:, None] + box[1].start + du.ravel(), rows[:, None] + box[0].start + dv.ravel())
+        value = np.repeat(ground[near][:, None], SUB * SUB, axis=1)
+        for poly, grey in polygons:
+            value[_inside(poly, fine) < 0] = grey
+        part[rows, cols] = value.mean(axis=1)
 
     def __call__(
         self,
@@ -178,36 +235,25 @@ class Renderer:
         rotation, t = view.rotation, view.t
         centre = -rotation.T @ t
 
-        def hit(u: F64, v: F64) -> tuple[F64, NDArray[np.bool_]]:
-            ray = lens.cast(u, v) @ rotation
-            down = ray[..., 2] > 1e-3 * np.linalg.norm(ray, axis=-1).clip(1e-9)
+        def hit(u: F64, v: F64, cast: F64 | None = None) -> tuple[F64, NDArray[np.bool_]]:
+            ray = (lens.cast(u, v) if cast is None else cast) @ rotation
+            down = ray[..., 2] > 1e-3
             s = np.where(down, -centre[2] / np.where(down, ray[..., 2], 1.0), 0.0)
             return centre[:2] + ray[..., :2] * s[..., None], down
 
-        u, v = np.meshgrid(np.arange(lens.width, dtype=np.float64), np.arange(lens.height, dtype=np.float64))
-        p, down = hit(u, v)
+        if lens not in self._rays:
+            u, v = np.meshgrid(np.arange(lens.width, dtype=np.float64), np.arange(lens.height, dtype=np.float64))
+            self._rays[lens] = (u, v, lens.cast(u, v))
+        u, v, cast = self._rays[lens]
+        p, down = hit(u, v, cast)
         footprint = float(np.linalg.norm(t)) / lens.f
         image = self._ground(p, footprint) if lawn else np.full(u.shape, 110.0)
-        right, below = hit(u + 1, v)[0], hit(u, v + 1)[0]
-        local = np.linalg.norm(right - p, axis=-1) + np.linalg.norm(below - p, axis=-1)
-        near = np.zeros(u.shape, dtype=bool)
-        for poly, grey in polygons:
-            d = _inside(poly, p)
-            image = np.where(down & (d < 0), grey, image)
-            near |= down & (np.abs(d) < local)
-        rows, cols = np.nonzero(near)
+        reach = max((float(np.abs(poly).max()) for poly, _ in polygons), default=0.0) * 1.1 + 3 * footprint
+        rows, cols = np.nonzero(down & (np.abs(p) < reach).all(axis=-1))
         if len(rows):
-            step = (np.arange(SUB) + 0.5) / SUB - 0.5
-            du, dv = np.meshgrid(step, step)
-            fine, _ = hit(cols[:, None] + du.ravel(), rows[:, None] + dv.ravel())
-            value = np.repeat(
-                self._ground(p[near][None], footprint)[0][:, None] if lawn else np.full((len(rows), 1), 110.0),
-                SUB * SUB,
-                axis=1,
+            self._paint(
+                image, polygons, (slice(rows.min(), rows.max() + 1), slice(cols.min(), cols.max() + 1)), p, down, hit
             )
-            for poly, grey in polygons:
-                value = np.where(_inside(poly, fine) < 0, grey, value)
-            image[rows, cols] = value.mean(axis=1)
         image[~down] = 160.0
         if light is not None:
             image = image * light(p)
@@ -218,7 +264,35 @@ class Renderer:
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What the tests draw with and compare to."""
+
+    render: Renderer
+    landmark: Landmark
+    fisheye: TestLens = FISHEYE
+    pinhole: TestLens = PINHOLE
+
+    def view(self, height_m: float, **where: float) -> View:
+        """See look_down."""
+        return look_down(height_m, **where)
+
+    def polygons(self, landmark: Landmark | None = None, *, inverted: bool = False) -> list[Polygon]:
+        """See polygons_of."""
+        return polygons_of(landmark or self.landmark, inverted=inverted)
+
+    def draw(self, view: View, *, landmark: Landmark | None = None, **options: object) -> NDArray[np.uint8]:
+        """The paper's landmark, or another, or `polygons`."""
+        options.setdefault("polygons", polygons_of(landmark or self.landmark))
+        return self.render(view, **options)
+
+    def corners_px(self, view: View, index: int, lens: TestLens, landmark: Landmark | None = None) -> F64:
+        """(n, 2) where a contour's corners truly are."""
+        corners = (landmark or self.landmark).contours[index].corners_m
+        return lens.project(np.column_stack([corners, np.zeros(len(corners))]) @ view.rotation.T + view.t)
+
+
 @pytest.fixture(scope="session")
-def render() -> Renderer:
-    """The renderer; its lawn is made once."""
-    return Renderer()
+def scene() -> Scene:
+    """The renderer (its lawn is made once) with the paper's landmark and two lenses."""
+    return Scene(Renderer(), paper_landmark())
