@@ -1,0 +1,134 @@
+import math
+
+import numpy as np
+import pytest
+
+from app.config import CameraConfig
+from app.estimation.fix import ATTITUDE_SIGMA_RAD, FixMaker, pad_fix, pose_estimator
+from app.estimation.mount import body_from_cam, level_from_cam
+from app.frames import quaternion_from_rotation, rotation_from_euler
+from app.messages import CameraPose, Detection, SeenContour, VehicleState
+from app.vision.camera_model import lens_from_config
+
+
+def camera(**mount):
+    return CameraConfig(driver="opencv", lens="x.toml", **{"position_body_m": (0.0, 0.0, 0.0), **mount})
+
+
+def vehicle(roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0, pos=(0.0, 0.0, 0.0)):
+    rotation = rotation_from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+    return VehicleState(
+        t_capture_s=5.0,
+        pos_ned_m=np.array(pos),
+        vel_ned_m_s=np.zeros(3),
+        q_ned_from_body_wxyz=quaternion_from_rotation(rotation),
+    )
+
+
+DETECTED = Detection(5.0, 1, code="44334", contours=(SeenContour(0, np.zeros((4, 2))),))
+
+
+def pose(t, covariance=None):
+    # A pad whose forward is image up: its axes in cam are (0, -1, 0), (1, 0, 0), (0, 0, 1).
+    rotation = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return CameraPose(
+        np.array(t), quaternion_from_rotation(rotation), np.zeros((6, 6)) if covariance is None else covariance, 0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("mount", "image_up", "axis"),
+    [
+        ({}, (1, 0, 0), (0, 0, 1)),
+        ({"mount_yaw_deg": 90.0}, (0, 1, 0), (0, 0, 1)),
+        ({"mount_yaw_deg": 180.0}, (-1, 0, 0), (0, 0, 1)),
+        ({"mount_pitch_deg": 30.0}, None, (0.5, 0, math.sqrt(0.75))),
+        ({"mount_roll_deg": 30.0}, None, (0, -0.5, math.sqrt(0.75))),
+    ],
+)
+def test_mount_turns_the_camera_as_the_config_says(mount, image_up, axis):
+    rotation = body_from_cam(camera(**mount)).rotation
+    np.testing.assert_allclose(rotation @ [0.0, 0.0, 1.0], axis, atol=1e-12)
+    up = rotation @ [0.0, -1.0, 0.0]
+    np.testing.assert_allclose(up, up if image_up is None else image_up, atol=1e-12)
+
+
+def test_level_vehicle_needs_no_levelling_whatever_its_heading():
+    level = level_from_cam(vehicle(yaw_deg=77).q_ned_from_body_wxyz, body_from_cam(camera()).rotation)
+    np.testing.assert_allclose(level, np.eye(3), atol=1e-12)
+
+
+def test_levelling_turns_the_vertical_onto_the_axis():
+    state = vehicle(roll_deg=20, pitch_deg=-10, yaw_deg=200)
+    mount = body_from_cam(camera(mount_yaw_deg=30.0)).rotation
+    level = level_from_cam(state.q_ned_from_body_wxyz, mount)
+    ned_from_body = rotation_from_euler(math.radians(20), math.radians(-10), math.radians(200))
+    down_cam = mount.T @ ned_from_body.T @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(level @ down_cam, [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_fix_of_a_level_vehicle_heading_east():
+    # Image right is body right is south; image up is body forward is east.
+    fix = pad_fix(
+        DETECTED, pose((0.5, -0.25, 2.0)), vehicle(yaw_deg=90, pos=(10.0, 20.0, -3.0)), body_from_cam(camera())
+    )
+    np.testing.assert_allclose(fix.pad_from_vehicle_ned_m, [-0.5, 0.25, 2.0], atol=1e-12)
+    np.testing.assert_allclose(fix.pad_pos_ned_m, [9.5, 20.25, -1.0], atol=1e-12)
+    assert fix.pad_yaw_ned_rad == pytest.approx(math.pi / 2)
+    assert fix.pad_tilt_rad == pytest.approx(0.0, abs=1e-6)
+    assert (fix.t_capture_s, fix.code) == (5.0, "44334")
+
+
+def test_camera_off_the_body_origin_is_counted():
+    mounted = body_from_cam(camera(position_body_m=(0.1, 0.0, 0.05)))
+    fix = pad_fix(DETECTED, pose((0.0, 0.0, 1.0)), vehicle(), mounted)
+    np.testing.assert_allclose(fix.pad_from_vehicle_ned_m, [0.1, 0.0, 1.05], atol=1e-12)
+
+
+def test_rolled_vehicle_sees_the_pad_below_its_left():
+    # Right side down by 30 degrees: the camera looks to the left of down.
+    fix = pad_fix(DETECTED, pose((0.0, 0.0, 2.0)), vehicle(roll_deg=30), body_from_cam(camera()))
+    np.testing.assert_allclose(fix.pad_from_vehicle_ned_m, [0.0, -1.0, math.sqrt(3.0)], atol=1e-12)
+    assert fix.pad_tilt_rad == pytest.approx(math.radians(30))
+
+
+def test_covariance_is_turned_and_widened_by_the_attitude():
+    seen = np.diag([0.01, 0.02, 0.04, 0.0, 0.0, 0.0009])
+    fix = pad_fix(DETECTED, pose((0.0, 0.0, 3.0), seen), vehicle(), body_from_cam(camera()))
+    # Image right is east, image down is south; a degree of roll or pitch moves a pad 3 m below by 5.2 cm.
+    widened = (3.0 * ATTITUDE_SIGMA_RAD) ** 2
+    np.testing.assert_allclose(np.diag(fix.covariance_ned_m2), [0.02 + widened, 0.01 + widened, 0.04], atol=1e-9)
+    assert fix.yaw_sigma_rad == pytest.approx(math.sqrt(0.0009 + ATTITUDE_SIGMA_RAD**2))
+
+
+@pytest.mark.parametrize("method", ["pnp", "paper"])
+@pytest.mark.parametrize(("roll_deg", "pitch_deg", "yaw_deg"), [(0, 0, 0), (15, -10, 120), (-8, 12, -60)])
+def test_both_methods_place_the_pad_whatever_the_attitude(scene, method, roll_deg, pitch_deg, yaw_deg):
+    # The scene's camera hangs at the body's origin; the pad is 0.4 m ahead and 0.3 m right along the vehicle's level
+    # axes, 2 m below, turned 50 degrees from the vehicle.
+    view = scene.view(2.0, forward_m=0.4, right_m=0.3, pad_yaw_deg=50, roll_deg=roll_deg, pitch_deg=pitch_deg)
+    contours = tuple(SeenContour(k, scene.corners_px(view, k, scene.fisheye)) for k in range(5))
+    lens = lens_from_config(scene.fisheye.config)
+    make = FixMaker(pose_estimator(scene.landmark, lens, method), body_from_cam(camera()))
+    state = vehicle(roll_deg, pitch_deg, yaw_deg, (1.0, 2.0, -2.0))
+    fix = make(Detection(5.0, 1, contours=contours, code="44334"), state)
+    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    expected = np.array([1.0 + c * 0.4 - s * 0.3, 2.0 + s * 0.4 + c * 0.3, 0.0])
+    np.testing.assert_allclose(fix.pad_pos_ned_m, expected, atol=2e-3)
+    assert math.degrees(fix.pad_yaw_ned_rad) == pytest.approx((yaw_deg + 50 + 180) % 360 - 180, abs=0.1)
+    assert fix.pad_tilt_rad < math.radians(0.2)
+    assert fix.paper.h_m == pytest.approx(2.0, abs=2e-3)
+
+
+def test_detection_without_the_triangle_gives_no_fix_by_the_paper(scene):
+    view = scene.view(2.0)
+    seen = Detection(5.0, 1, code="44", contours=(SeenContour(0, scene.corners_px(view, 0, scene.fisheye)),))
+    lens = lens_from_config(scene.fisheye.config)
+    make = FixMaker(pose_estimator(scene.landmark, lens, "paper"), body_from_cam(camera()))
+    assert make(seen, vehicle()) is None
+
+
+def test_frame_without_the_landmark_gives_no_fix(scene):
+    lens = lens_from_config(scene.fisheye.config)
+    make = FixMaker(pose_estimator(scene.landmark, lens, "pnp"), body_from_cam(camera()))
+    assert make(Detection(5.0, 1, reason="no"), vehicle()) is None
