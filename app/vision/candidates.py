@@ -178,16 +178,24 @@ def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
     if isinstance(settled, Rejection):
         return settled
     fit, judgement, patch = settled
+    run = range(first, first + count)
     if scale_px * geometry.size_m >= SMALL_PX:
-        return _measured(fit, judgement, first, count, scale_px, bench)
-    run = range(first, _seen_inside(patch, first + count - 1, scale_px, geometry) + 1)
-    return _found(_as_fitted(fit, run, geometry), run, judgement, scale_px, bench)
+        measured = _measured(fit, run, scale_px, bench)
+        if isinstance(measured, Rejection):
+            return measured
+        fit, run = measured
+    innermost = _seen_inside(patch, run[-1], scale_px, geometry)
+    run = range(run[0], innermost + 1)
+    fit = _with_fitted(fit, run, geometry, keep=scale_px * geometry.size_m >= SMALL_PX)
+    return _found(fit, run, judgement, scale_px, bench)
 
 
-def _as_fitted(fit: Fit, run: range, geometry: LandmarkGeometry) -> Fit:
-    """The fit with the corners of a run where it puts them itself."""
+def _with_fitted(fit: Fit, run: range, geometry: LandmarkGeometry, keep: bool = True) -> Fit:
+    """The fit with the corners of a run: those that it has, if they are kept, and the others where it puts them."""
     indices = np.arange(geometry.slices[run[0]].start, geometry.slices[run[-1]].stop)
     plane = apply(fit.basis @ fit.rays_from_pad, geometry.corners[indices])
+    if keep:
+        plane[fit.indices - indices[0]] = fit.plane
     return replace(fit, indices=indices, plane=plane)
 
 
@@ -206,13 +214,10 @@ def _seen_inside(patch: Patch, innermost: int, scale_px: float, geometry: Landma
     return innermost
 
 
-def _measured(
-    fit: Fit, judgement: Judgement, first: int, count: int, scale_px: float, bench: Bench
-) -> Found | Rejection:
+def _measured(fit: Fit, run: range, scale_px: float, bench: Bench) -> tuple[Fit, range] | Rejection:
     """Measure the sides of all contours of the landmark that can be seen, now that its heading is known."""
-    geometry = bench.geometry
-    run = range(first, first + count)
-    final = _as_fitted(fit, run, geometry)
+    geometry, first = bench.geometry, run[0]
+    final = _with_fitted(fit, run, geometry, keep=False)
     for reach_px in (COARSE_REACH_PX, FINE_REACH_PX):
         everything = range(len(geometry.landmark.contours))
         sides = measure_sides(
@@ -232,7 +237,7 @@ def _measured(
     if final.residual_px > limit:
         text = f"corners {final.residual_px:.1f} px off the drawn landmark, over {limit:.1f} px"
         return Rejection(Refusal.SHAPE, text)
-    return _found(final, run, judgement, scale_px, bench)
+    return final, run
 
 
 def _found(fit: Fit, run: range, judgement: Judgement, scale_px: float, bench: Bench) -> Found:
