@@ -6,6 +6,7 @@ The sides come from the drawing, not from the binary image, so contours that the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -24,6 +25,7 @@ CENTRED_REACH_PX = 2.2
 """How far they reach from an edge known to a fraction of a pixel: over the blur of lens and Gaussian."""
 WIDE_PX = 2.0
 """With this much room black and white are seen as they are."""
+_S = np.linspace(-1.0, 1.0, STEPS)
 NARROWEST_PX = 1.2
 """A side with less room than this on each side of it, up to the next edge, is not measured."""
 MIN_CONTRAST = 8.0
@@ -56,13 +58,11 @@ class Sides:
 
 def _profiles(prepared: Prepared, px: Array, step: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Grey (n, STEPS) along px + s step, s from -1 to 1, of points (n, 2), and which lie inside the region."""
-    s = np.linspace(-1.0, 1.0, STEPS)
-    origin = np.array(prepared.region[:2], dtype=np.float64)
-    image = prepared.grey
-    if prepared.reduction == 1:
-        image = prepared.smooth
-    at = (px - origin)[:, None, :] + step[:, None, :] * s[:, None]
-    at32 = np.nan_to_num(at, nan=-10.0).astype(np.float32)
+    image = prepared.smooth if prepared.reduction == 1 else prepared.grey
+    at = (px - prepared.region[:2])[:, None, :] + step[:, None, :] * _S[:, None]
+    at32 = at.astype(np.float32)
+    if not math.isfinite(float(at32.sum())):
+        at32 = np.nan_to_num(at32, nan=-10.0)
     height, width = image.shape
     ends = at32[:, [0, STEPS - 1]]
     low, high = ends.reshape(-1, 4).min(axis=1), ends.reshape(-1, 2, 2).max(axis=1)
@@ -82,8 +82,7 @@ def _crossings(rising: Array, level: Array) -> Array:
     before, after = rising[:, :-1], rising[:, 1:]
     crosses = (before < level[:, None]) & (after >= level[:, None])
     rise = np.where(crosses, after - before, 1.0)
-    s = np.linspace(-1.0, 1.0, STEPS)
-    where = s[:-1] + (level[:, None] - before) / rise * (s[1] - s[0])
+    where = _S[:-1] + (level[:, None] - before) / rise * (2.0 / (STEPS - 1))
     distance = np.where(crosses, np.abs(where), np.inf)
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(rising))
@@ -95,7 +94,7 @@ def _lines(points: Array, weight: Array) -> tuple[Array, Array]:
     robust = weight
     line = np.zeros((len(points), 3))
     sigma = np.zeros(len(points))
-    for _ in range(3):
+    for _ in range(2):
         total = robust.sum(axis=1) + 1e-12
         mean = np.einsum("cm,cmk->ck", robust, points) / total[:, None]
         d = points - mean[:, None]
