@@ -273,7 +273,9 @@ def estimate_camera_pose(
     base = rotation if first is None else first.rotation
     other = _other_start(base, centre)
     second: _Solution | None = None
-    if first is None or float(other[:, 2] @ base[:, 2]) < SAME_POSE:
+    # Begun at the vertical and agreeing with the corners and with the vertical: nothing is left to be decided.
+    settled = down is not None and first is not None and first.cost < len(pad)
+    if not settled and (first is None or float(other[:, 2] @ base[:, 2]) < SAME_POSE):
         second = solve(other, math.inf if first is None else HOPELESS * max(first.cost, float(len(pad))))
     solutions = [s for s in (first, second) if s is not None and float(s.rotation[:, 2] @ s.translation) > 0]
     if not solutions:

@@ -19,6 +19,8 @@ from app.vision.geometry import PATCH_EXTENT, LandmarkGeometry
 from app.vision.preprocess import Prepared
 
 STEPS = 5
+LEVELS = 4
+"""Grey levels that are fitted: white over black, the surroundings over black, more blur, black."""
 SMALL_STEP = 0.012
 """In half sides of the patch: a smaller step leaves a tenth of itself, and the alignment has settled."""
 SURROUND = 8.0
@@ -41,32 +43,44 @@ def align(
     matrix = fit.rays_from_pad
     patch = rectify(prepared, fit, geometry, lens, scale_px, sigma_px)
     template = geometry.template(patch.sigma_cells)
-    linear, (by_white, by_outside) = template.linear, template.slopes()
-    weight = 1.0 / (1.0 + (SURROUND * template.outside.ravel()) ** 2)
-    levels: Array = np.zeros(0)
-    for _ in range(STEPS):
-        seen = patch.seen.ravel()
+    by_white, by_outside = template.slopes()
+    rows = np.empty((by_white.shape[0], 8 + LEVELS))
+    rows[:, 8:] = template.linear
+    weight = 1.0 / (1.0 + (SURROUND * template.outside.reshape(-1, 1)) ** 2)
+    hidden = np.flatnonzero(~patch.seen.ravel())
+    levels: Array = np.zeros(LEVELS)
+    for step in range(STEPS + 1):
+        if len(hidden):
+            weight[hidden] = 0.0
         grey = patch.grey.ravel()
-        if not len(levels):
-            levels = np.asarray(np.linalg.lstsq(linear[seen], grey[seen], rcond=None)[0], dtype=np.float64)
-        if levels[0] < 1.0:
-            break
-        rows = np.column_stack([levels[0] * by_white + levels[1] * by_outside, linear])[seen]
-        weighted = rows * weight[seen, None]
-        normal = weighted.T @ rows
-        hold = PERSPECTIVE_WEIGHT * 0.5 * (normal[2, 2] + normal[5, 5])
-        normal[6, 6] += hold
-        normal[7, 7] += hold
+        # First the grey levels alone; then they and the eight terms of the warp together.
+        first = 8 if step == 0 else 0
+        if step > 0:
+            np.multiply(by_white, levels[0], out=rows[:, :8])
+            rows[:, :8] += levels[1] * by_outside
+        weighted = rows[:, first:] * weight
+        normal = weighted.T @ rows[:, first:]
+        if step > 0:
+            hold = PERSPECTIVE_WEIGHT * 0.5 * (normal[2, 2] + normal[5, 5])
+            normal[6, 6] += hold
+            normal[7, 7] += hold
         try:
-            solution = np.linalg.solve(normal, weighted.T @ grey[seen])
+            solution = np.asarray(np.linalg.solve(normal, weighted.T @ grey), dtype=np.float64)
         except np.linalg.LinAlgError:
             break
-        d, levels = solution[:8], solution[8:]
-        if not np.abs(d).max() < 0.5:
+        levels = solution[-LEVELS:]
+        if levels[0] < 1.0:
+            break
+        if step == 0:
+            continue
+        d = solution[:8]
+        largest = float(np.abs(d).max())
+        if not largest < 0.5:
             break
         warp = np.array([[1.0 + d[0], d[1], d[2]], [d[3], 1.0 + d[4], d[5]], [d[6], d[7], 1.0]])
         matrix = matrix @ (scale @ np.linalg.inv(warp) @ unscale)
         patch = rectify(prepared, replace(fit, rays_from_pad=matrix), geometry, lens, scale_px, sigma_px)
-        if np.abs(d).max() < SMALL_STEP:
+        hidden = np.flatnonzero(~patch.seen.ravel())
+        if largest < SMALL_STEP:
             break
     return replace(fit, rays_from_pad=matrix), patch

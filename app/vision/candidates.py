@@ -27,6 +27,8 @@ SMALL_PX = 60.0
 innermost contours there are 2.7 pixels at this size."""
 COARSE_REACH_PX = 2.6
 FINE_REACH_PX = 1.7
+SAME_TURN = 0.05
+"""Two fits that differ by a quarter turn up to this (radians, and metres on the pad) see the same patch, turned."""
 MIN_SHARP = 0.5
 """Part of a run's corners whose sides must be measurable."""
 MIN_GAP_SEEN_PX = 1.0
@@ -118,10 +120,13 @@ def _extended(fit: Fit, run: range, sides: Sides, bench: Bench) -> tuple[range, 
     return range(low, high), replace(better, indices=indices, plane=plane)
 
 
-def _quarter_turns(a: Fit, b: Fit) -> int:
-    """How many quarter turns clockwise b's heading is from a's."""
+def _turn(a: Fit, b: Fit) -> tuple[int, bool]:
+    """How many quarter turns clockwise b's heading is from a's, and whether that is a turn about the pad's origin."""
     turn = np.linalg.inv(a.rays_from_pad) @ b.rays_from_pad
-    return round(float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))) / 90.0) % 4
+    turn /= turn[2, 2]
+    count = round(math.degrees(math.atan2(turn[1, 0], turn[0, 0])) / 90.0) % 4
+    c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[count]
+    return count, bool(np.abs(turn[:2] - np.array([[c, -s, 0.0], [s, c, 0.0]])).max() < SAME_TURN)
 
 
 def _settle_heading(
@@ -129,27 +134,34 @@ def _settle_heading(
 ) -> tuple[Fit, Judgement, Patch] | Rejection:
     """The fit whose heading the drawing supports, or why none. A small landmark is aligned on the way."""
     geometry, lens, prepared = bench.geometry, bench.lens, bench.prepared
-    judged: list[tuple[Judgement, Fit, Patch]] = []
-    for fit in fits:
-        patch = rectify(prepared, fit, geometry, lens, scale_px, bench.sigma_px)
-        judged.append((judge(patch, innermost, geometry), fit, patch))
-    judged.sort(key=lambda j: -j[0].score)
+
+    def look(fit: Fit, like: Fit | None = None, patch: Patch | None = None) -> tuple[Judgement, Fit, Patch]:
+        """Judge a fit; its patch is that of another one turned, where that is all that differs."""
+        count, pure = (0, False) if like is None else _turn(like, fit)
+        if patch is not None and pure:
+            patch = replace(patch, grey=np.rot90(patch.grey, count), seen=np.rot90(patch.seen, count))
+        else:
+            patch = rectify(prepared, fit, geometry, lens, scale_px, bench.sigma_px)
+        return judge(patch, innermost, geometry), fit, patch
+
+    first = look(fits[0])
+    judged = sorted([first, *(look(fit, fits[0], first[2]) for fit in fits[1:])], key=lambda j: -j[0].score)
     if scale_px * geometry.size_m < SMALL_PX:
-        (_, before, _), *others = judged
+        before = judged[0][1]
         fit, patch = align(prepared, before, geometry, lens, scale_px, bench.sigma_px)
-        judged = [(judge(patch, innermost, geometry), fit, patch)]
-        if others:
+        moved = (judge(patch, innermost, geometry), fit, patch)
+        if len(judged) > 1:
             # The next best heading, moved along.
-            turn = np.linalg.inv(before.rays_from_pad) @ others[0][1].rays_from_pad
-            other = replace(others[0][1], rays_from_pad=fit.rays_from_pad @ turn)
-            seen = rectify(prepared, other, geometry, lens, scale_px, bench.sigma_px)
-            judged.append((judge(seen, innermost, geometry), other, seen))
-            judged.sort(key=lambda j: -j[0].score)
+            turn = np.linalg.inv(before.rays_from_pad) @ judged[1][1].rays_from_pad
+            other = replace(judged[1][1], rays_from_pad=fit.rays_from_pad @ turn)
+            judged = sorted([moved, look(other, fit, patch)], key=lambda j: -j[0].score)
+        else:
+            judged = [moved]
     best, fit, patch = judged[0]
     refused = check_judgement(best, bench.min_score)
     if refused is None and len(judged) > 1:
-        second, other, _ = judged[1]
-        refused = check_heading(best, second, patch, _quarter_turns(fit, other), innermost, geometry)
+        count, _ = _turn(fit, judged[1][1])
+        refused = check_heading(best, judged[1][0], patch, count, innermost, geometry)
     return refused if refused is not None else (fit, best, patch)
 
 

@@ -44,7 +44,7 @@ class Template:
         self._more = more_blurred - drawings
         self._slopes: Array | None = None
 
-    @property
+    @cached_property
     def linear(self) -> Array:
         """(cells, 4): white print, outside, more blur of the white print, one."""
         flat = [self.white.ravel(), self.outside.ravel(), self._more[0].ravel(), np.ones(self.white.size)]
