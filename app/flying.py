@@ -30,6 +30,8 @@ SWITCH_INTERVAL_S = 0.001
 """The interpreter's: vision's thread holds it no longer than this (5 ms by default) when a setpoint is due."""
 READY_TIMEOUT_S = 60.0
 PHONE_TIMEOUT_S = 10.0
+ASK_AGAIN_S = 1.0
+"""A phone whose order was refused (not ready, no frames yet) asks again."""
 LINGER_S = 1.5
 """After a mission's end: the record shows that the vehicle rests where it landed."""
 ENDED = frozenset({Phase.LANDED, Phase.IDLE, Phase.HOLD})
@@ -123,49 +125,54 @@ async def _attend(
 ) -> None:
     """Show the flight, let the phone speak when the vehicle is ready, and leave when it is over."""
     start_s = time.monotonic()
-    phone: asyncio.Task[None] | None = None
+    phone: asyncio.Task[str] | None = None
+    refused, refused_s = "the vehicle did not become ready to arm", 0.0
     begun = False
     over_since_s: float | None = None
     while not running.done():
         now_s = time.monotonic()
         display.refresh(now_s)
         report, state = reports.newest, vehicle.newest
-        if phone is None and plan.order is not None and state is not None and state.armable and report is not None:
-            phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
-        if phone is None and plan.order is not None and now_s - start_s > READY_TIMEOUT_S:
-            raise AlightError("the vehicle did not become ready to arm", "look at the autopilot's own messages")
-        if phone is not None and phone.done() and phone.exception() is not None and not begun:
-            raise phone.exception() or AssertionError
         if report is not None:
             begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
             over = plan.once and begun and report.phase in ENDED and report.command is None
             over_since_s = (over_since_s or now_s) if over else None
             if over_since_s is not None and now_s - over_since_s > LINGER_S:
                 break
+        if plan.order is not None and not begun:
+            if phone is not None and phone.done():
+                refused, refused_s, phone = phone.result(), now_s, None
+            ready = state is not None and state.armable and report is not None
+            if phone is None and ready and now_s - refused_s > ASK_AGAIN_S:
+                phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
+            if now_s - start_s > READY_TIMEOUT_S:
+                raise AlightError(f"no flight began within {READY_TIMEOUT_S:.0f} s: {refused}", "mend that")
         if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
             break
         await asyncio.wait([running], timeout=REFRESH_S)
     display.refresh(time.monotonic())
-    if phone is not None and not running.done():
-        await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)
-    if phone is not None and not phone.done():
+    if phone is not None:
+        if not running.done():
+            await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)
         phone.cancel()
+        await asyncio.wait([phone])
 
 
-async def _phone(address: str, order: OperatorAction) -> None:
-    """`alight phone` as a process of its own: an independent ground station."""
+async def _phone(address: str, order: OperatorAction) -> str:
+    """`alight phone` as a process of its own: an independent ground station. Returns the last line that it printed."""
     command = [sys.executable, "-m", "app", "phone", order.name.lower(), "--address", address]
     process = await asyncio.create_subprocess_exec(
-        *command, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+        *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
     )
     try:
-        _, words = await process.communicate()
+        words, _ = await process.communicate()
     except asyncio.CancelledError:
         process.terminate()
         await process.wait()
         raise
-    if process.returncode not in (0, 1):
-        raise AlightError(f"the phone failed: {words.decode(errors='replace').strip()}", "")
+    lines = [line for line in words.decode(errors="replace").splitlines() if line.strip()]
+    told = [line for line in lines if "refused" in line] or lines
+    return told[-1] if told else "the phone said nothing"
 
 
 def _stop_on_signals(application: Application) -> None:
