@@ -139,7 +139,11 @@ def _settle_heading(
         """Judge a fit; its patch is that of another one turned, where that is all that differs."""
         count, pure = (0, False) if like is None else _turn(like, fit)
         if patch is not None and pure:
-            patch = replace(patch, grey=np.rot90(patch.grey, count), seen=np.rot90(patch.seen, count))
+            patch = replace(
+                patch,
+                grey=np.rot90(patch.grey, count),
+                seen=patch.seen if patch.seen.all() else np.rot90(patch.seen, count),
+            )
         else:
             patch = rectify(prepared, fit, geometry, lens, scale_px, bench.sigma_px)
         return judge(patch, innermost, geometry), fit, patch

@@ -152,21 +152,27 @@ class Judgement:
     score: float
 
 
+def _seen_cells(patch: Patch, geometry: LandmarkGeometry, inside_of: int | None) -> NDArray[np.intp]:
+    """Flat indices of the judged cells (of those inside a contour) that lie in the image."""
+    cells = geometry.cells(inside_of)
+    return cells if patch.seen is _ALL_SEEN else cells[patch.seen.ravel()[cells]]
+
+
 def judge(patch: Patch, innermost: int, geometry: LandmarkGeometry) -> Judgement:
     """Correlate a patch with the drawing; innermost is the index of the innermost contour that was found."""
-    drawing = geometry.template(patch.sigma_cells).white
-    seen = patch.seen & geometry.judged
-    if np.count_nonzero(seen) < MIN_CELLS:
+    drawing, grey = geometry.template(patch.sigma_cells).white.ravel(), patch.grey.ravel()
+    seen = _seen_cells(patch, geometry, None)
+    if len(seen) < MIN_CELLS:
         return Judgement(0.0, None, 0.0, 0.0)
-    gg, dd, gd = _moments(patch.grey[seen], drawing[seen])
+    gg, dd, gd = _moments(grey[seen], drawing[seen])
     whole = gd / math.sqrt(gg * dd) if gg > 1e-9 and dd > 1e-9 else 0.0
     contrast = gd / max(dd, 1e-9)
     inner: float | None = None
     if innermost < len(geometry.landmark.contours) - 1:
-        cells = seen & geometry.inside(innermost)
-        if np.count_nonzero(cells) >= MIN_CELLS:
-            gg, dd, gd = _moments(patch.grey[cells], drawing[cells])
-            if dd > FLAT * np.count_nonzero(cells):
+        cells = _seen_cells(patch, geometry, innermost)
+        if len(cells) >= MIN_CELLS:
+            gg, dd, gd = _moments(grey[cells], drawing[cells])
+            if dd > FLAT * len(cells):
                 inner = gd / math.sqrt(gg * dd) if gg > 1e-9 else 0.0
     score = whole if inner is None else 0.5 * (whole + inner)
     return Judgement(whole, inner, contrast, max(0.0, min(1.0, score)))
@@ -191,10 +197,8 @@ def check_heading(
 ) -> Rejection | None:
     """Whether the best heading stands out from another, `turn` quarter turns away, as the drawing says it should."""
     drawing = geometry.template(patch.sigma_cells).white
-    cells = patch.seen & geometry.judged
-    if innermost < len(geometry.landmark.contours) - 1 and best.inner is not None:
-        cells = cells & geometry.inside(innermost)
-    expected = 1.0 - correlation(np.rot90(drawing, turn)[cells], drawing[cells])
+    cells = _seen_cells(patch, geometry, innermost if best.inner is not None else None)
+    expected = 1.0 - correlation(np.rot90(drawing, turn).ravel()[cells], drawing.ravel()[cells])
     mine = best.inner if best.inner is not None else best.whole
     other = second.inner if second.inner is not None else second.whole
     limit = HEADING_MARGIN * expected

@@ -8,8 +8,9 @@ estimated by the direct linear transform on a tangent plane (Hartley and Zisserm
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,10 +109,17 @@ def fit_corners(
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """One way to name the corners of a run, with the sum of squares that it leaves (m^2, rectified)."""
+    """One way to name the corners of a run, with the sum of squares that it leaves (m^2, rectified).
+
+    Attributes:
+        cost: That sum.
+        corners: (k,) which of the found corners is each of the drawn ones.
+        turn: By how many parts of a circle the anchor was turned for it.
+    """
 
     cost: float
     corners: NDArray[np.intp]
+    turn: int
 
 
 def _orders(rectified: list[Array], first: int, anchor: int, geometry: LandmarkGeometry) -> list[_Order]:
@@ -139,7 +147,8 @@ def _orders(rectified: list[Array], first: int, anchor: int, geometry: LandmarkG
         cost += squares[np.arange(len(turns)), best]
         names.append(cycles[best] + start)
         start += k
-    return [_Order(float(c), order) for c, order in zip(cost, np.concatenate(names, axis=1), strict=True)]
+    corners = np.concatenate(names, axis=1)
+    return [_Order(float(cost[turn]), corners[turn], turn) for turn in range(len(turns))]
 
 
 def fit_run(corners_px: list[Array], first: int, geometry: LandmarkGeometry, lens: Lens) -> list[Fit]:
@@ -162,9 +171,11 @@ def fit_run(corners_px: list[Array], first: int, geometry: LandmarkGeometry, len
     before = sum(len(c) for c in corners_px[:anchor])
     mine = plane[before : before + len(corners_px[anchor])]
     drawn = geometry.corners[geometry.slices[first + anchor]]
-    to_pad = homography(mine, drawn) if len(mine) == 4 else affine(mine, drawn)
-    if to_pad is None:
-        return []
+    if len(mine) == 4:
+        four = cv2.getPerspectiveTransform(mine.astype(np.float32), drawn.astype(np.float32))
+        to_pad = np.asarray(four, dtype=np.float64)
+    else:
+        to_pad = affine(mine, drawn)
     on_pad = apply(to_pad, plane)
     rectified: list[Array] = []
     start = 0
@@ -175,10 +186,18 @@ def fit_run(corners_px: list[Array], first: int, geometry: LandmarkGeometry, len
     last = first + len(corners_px) - 1
     indices = np.arange(geometry.slices[first].start, geometry.slices[last].stop)
     worst = (1.5 * math.sqrt(orders[0].cost / start) + NEARLY_AS_GOOD * geometry.landmark.size_m) ** 2 * start
-    fits: list[Fit] = []
-    for order in orders:
-        if order.cost <= worst:
-            fit = fit_corners(plane[order.corners], indices, basis, geometry, lens.focal_px)
-            if fit is not None:
-                fits.append(fit)
+    best = fit_corners(plane[orders[0].corners], indices, basis, geometry, lens.focal_px)
+    if best is None:
+        return []
+    fits = [best]
+    centre = geometry.centroids[first + anchor]
+    for order in orders[1:]:
+        if order.cost > worst:
+            break
+        # The run looks the same when it is turned: so does its fit.
+        turn = np.eye(3)
+        turn[:2, :2] = geometry.turns(len(mine))[(order.turn - orders[0].turn) % len(mine)]
+        turn[:2, 2] = centre - turn[:2, :2] @ centre
+        turned = replace(best, rays_from_pad=best.rays_from_pad @ turn, plane=plane[order.corners])
+        fits.append(turned)
     return fits

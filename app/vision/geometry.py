@@ -140,6 +140,7 @@ class LandmarkGeometry:
         self.size_m: float = landmark.size_m
         self.area_ratios: Array = np.array([landmark.area_ratio(k) for k in range(len(contours) - 1)])
         self._templates: dict[int, Template] = {}
+        self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
 
     @cached_property
@@ -208,6 +209,13 @@ class LandmarkGeometry:
         half = 0.5 * min(JUDGED_EXTENT * self.landmark.size_m, self.landmark.quiet_zone_m)
         near = np.abs(self.patch_points).max(axis=1) < half
         return np.asarray(near, dtype=np.bool_).reshape(PATCH, PATCH)
+
+    def cells(self, inside_of: int | None) -> NDArray[np.intp]:
+        """Flat indices of the cells that are judged: all of them, or those inside a contour."""
+        if inside_of not in self._cells:
+            chosen = self.judged if inside_of is None else self.judged & self.inside(inside_of)
+            self._cells[inside_of] = np.flatnonzero(chosen)
+        return self._cells[inside_of]
 
     def inside(self, index: int) -> NDArray[np.bool_]:
         """(PATCH, PATCH) cells whose centre lies inside a contour."""
