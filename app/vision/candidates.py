@@ -16,7 +16,7 @@ from app.vision.camera_model import Lens
 from app.vision.contours import Nest
 from app.vision.edges import Sides, measure_sides
 from app.vision.evidence import Judgement, Patch, check_heading, check_judgement, check_rectified, judge, rectify
-from app.vision.fit import Fit, apply, fit_corners, fit_run
+from app.vision.fit import Fit, apply, fit_corners, fit_run, project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.preprocess import Prepared
 from app.vision.refusal import Refusal, Rejection
@@ -247,13 +247,21 @@ def _measured(fit: Fit, run: range, scale_px: float, bench: Bench) -> tuple[Fit,
         if better is None:
             return Rejection(Refusal.SHAPE, "its corners don't span a plane")
         final = better
-        if first == 0:
-            break  # From inner contours alone the outer ones are first met too far off; look again.
+        # From inner contours alone an outer one may first have been sought too far off: look again, if it is in view.
+        if first == 0 or not _in_view(final, first - 1, bench):
+            break
     limit = AGREES_PX + AGREES_PART * float(geometry.sides_m[run[0]]) * scale_px
     if final.residual_px > limit:
         text = f"corners {final.residual_px:.1f} px off the drawn landmark, over {limit:.1f} px"
         return Rejection(Refusal.SHAPE, text)
     return final, run
+
+
+def _in_view(fit: Fit, index: int, bench: Bench) -> bool:
+    """Whether all corners of a contour lie in the region that is looked at."""
+    px, seen = project_pad(fit.rays_from_pad, bench.geometry.corners[bench.geometry.slices[index]], bench.lens)
+    u0, v0, u1, v1 = bench.prepared.region
+    return bool(seen.all() and (px >= (u0, v0)).all() and (px <= (u1 - 1, v1 - 1)).all())
 
 
 def _found(fit: Fit, run: range, judgement: Judgement, scale_px: float, bench: Bench) -> Found:
