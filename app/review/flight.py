@@ -30,6 +30,7 @@ class Flight:
         turn_t_s: (c,) turns of the control loop.
         turn_period_s: (c,).
         turn_sent: (c,) whether a setpoint was sent.
+        contact_s: When the controller last began to rest on something; None if it never did.
         latency_s: (l,) exposure to setpoint, one for each fix that was used.
         phases: (time entered, phase, reason) in order.
         texts: (time, line) as the phone saw them.
@@ -47,6 +48,7 @@ class Flight:
     turn_t_s: Array = field(default_factory=lambda: np.zeros(0))
     turn_period_s: Array = field(default_factory=lambda: np.zeros(0))
     turn_sent: Array = field(default_factory=lambda: np.zeros(0))
+    contact_s: float | None = None
     latency_s: Array = field(default_factory=lambda: np.zeros(0))
     phases: list[tuple[float, str, str]] = field(default_factory=list)
     texts: list[tuple[float, str]] = field(default_factory=list)
@@ -105,6 +107,9 @@ def collect_flight(items: Iterable[Recorded]) -> Flight:
     if turns := rows.get("turns"):
         flight.turn_t_s = np.array([t for t, _ in turns])
         flight.turn_period_s = np.array([m["period_s"] for _, m in turns])
+        touching = [bool(m["status"] and m["status"]["contact"]) for _, m in turns]
+        begun = [t for (t, _), now, before in zip(turns, touching, [False, *touching], strict=False) if now > before]
+        flight.contact_s = begun[-1] if begun else None
         flight.turn_sent = np.array([float(m["setpoint"] is not None) for _, m in turns])
         latencies = [m["fix_latency_s"] for _, m in turns if m["fix_latency_s"] is not None]
         flight.latency_s = np.array(latencies)

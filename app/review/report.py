@@ -100,10 +100,14 @@ def summarise(name: str, flight: Flight, truth: list[dict[str, Any]], **more: An
 
 
 def _tracked(flight: Flight) -> Array:
-    """Whether the landmark was found, for each frame between its first sight and the end of the flying."""
+    """Whether the landmark was found, for each frame between its first sight and the touchdown (or the flight's end).
+
+    On the pad the camera is blind: what it sees there says nothing about the detector.
+    """
     if not flight.detected.any():
         return np.zeros(0)
     first_s = flight.detection_t_s[np.argmax(flight.detected > 0)]
     _, end_s = flight.window_s()
+    end_s = min(end_s, flight.contact_s or end_s)
     chosen: Array = flight.detected[(flight.detection_t_s >= first_s) & (flight.detection_t_s <= end_s)]
     return chosen
