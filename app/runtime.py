@@ -1,35 +1,34 @@
-"""The application: opens the ports, starts the tasks, supervises them, and goes down in order.
+"""The application: opens the ports, starts the tasks, and goes down in order.
 
 Critical tasks (telemetry, control, mission, operator, actions) end the application when they fail; camera, detection,
 pose and recorder are started again a bounded number of times, and a flight goes on without its record. Whatever ends
-it, a vehicle that Alight was steering is told to hold.
+it, a vehicle that Alight was steering is told to hold (supervision.py has how).
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, TypeVar
 
 from app.channels import Events, Topic
 from app.clock import Clock
 from app.config import RigConfig
-from app.errors import AlightError, AutopilotError
+from app.errors import AlightError
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
 from app.guidance.velocity import VelocityController
 from app.log import get_logger
 from app.messages import (
     ActionResult,
-    AutopilotAction,
     CommandAnswer,
     ControlTurn,
     Detection,
-    FlightMode,
     Frame,
     GoalOrder,
     GuidanceStatus,
@@ -38,11 +37,10 @@ from app.messages import (
     OperatorText,
     PadFix,
     PadTrack,
-    Severity,
     VehicleState,
 )
-from app.mission.states import ACTIVE, HANDED_OVER
 from app.ports import Autopilot, Camera, OperatorLink, Recorder
+from app.supervision import answer_last, first_error, hold_vehicle, supervise
 from app.systemd import Watchdog
 from app.tasks.actions import ActionRequest, run_actions
 from app.tasks.camera import run_camera
@@ -58,12 +56,8 @@ from app.vision.detector import Detector
 
 log = get_logger("runtime")
 
-RESTARTS_MAX = 5
-RESTART_AFTER_S = 1.0
-PILOTS_MODES = frozenset({FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION})
-"""Whoever flies in one of these has the sticks in hand: an application that ends takes nothing from them."""
-LAST_WORDS_S = 1.0
-"""For the phone's last answers, once every task has ended."""
+T = TypeVar("T")
+
 EXECUTOR_THREADS = 16
 """MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
 
@@ -121,6 +115,8 @@ class Application:
         self._answers: Events[CommandAnswer] = Events("answers")
         self._last_report = self.reports.subscribe()
         self._last_vehicle = self.vehicle.subscribe()
+        self._last_frame = self.frames.subscribe()
+        self._opened_camera: Camera | None = None
 
     def stop(self) -> None:
         """Ask for an orderly end: hold if Alight is steering, then stop."""
@@ -132,33 +128,56 @@ class Application:
         Raises:
             AlightError: A port doesn't open, or a critical part failed.
         """
-        parts = self._parts
         asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(EXECUTOR_THREADS, "mavsdk"))
         watchdog = Watchdog()
         try:
             async with AsyncExitStack() as stack:
-                if parts.recorder is not None:
-                    await stack.enter_async_context(parts.recorder)
-                autopilot = await stack.enter_async_context(parts.autopilot)
-                operator = await stack.enter_async_context(parts.operator)
-                gc.collect()
-                gc.freeze()  # what lives as long as the application needs no more looking at: no pauses from it
-                try:
-                    await self._fly(autopilot, operator, watchdog)
-                except asyncio.CancelledError:
-                    await self._hold(autopilot)
-                    raise
-                except BaseExceptionGroup as group:
-                    log.error("part.failed", error=str(_first(group)))
-                    await self._hold(autopilot)
-                    first = _first(group)
-                    if isinstance(first, AlightError):
-                        raise first from group
-                    raise
-                finally:
-                    await self._farewell(operator)
+                links = await self._unless_stopped(self._open(stack))
+                if links is not None:
+                    await self._fly_and_hold(*links, watchdog)
         finally:
             watchdog.close()
+
+    async def _open(self, stack: AsyncExitStack) -> tuple[Autopilot, OperatorLink]:
+        """Open the ports: first the camera, which tells at once, then the links, and the record of what there is."""
+        parts = self._parts
+        self._opened_camera = await parts.camera().__aenter__()
+        stack.push_async_callback(self._close_unused_camera)
+        autopilot = await stack.enter_async_context(parts.autopilot)
+        operator = await stack.enter_async_context(parts.operator)
+        if parts.recorder is not None:
+            await stack.enter_async_context(parts.recorder)
+        return autopilot, operator
+
+    async def _unless_stopped(self, opening: Coroutine[Any, Any, T]) -> T | None:
+        """What a coroutine returns; None, and it is cancelled, if `stop` comes first: links may take minutes."""
+        tasks = asyncio.create_task(opening, name="opening"), asyncio.create_task(self._stop.wait(), name="stop")
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            return tasks[0].result() if tasks[0].done() else None
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _fly_and_hold(self, autopilot: Autopilot, operator: OperatorLink, watchdog: Watchdog) -> None:
+        """Fly; whatever goes wrong, hold the vehicle before anything else is done, and answer the phone at the end."""
+        gc.collect()
+        gc.freeze()  # what lives as long as the application needs no more looking at: no pauses from it
+        try:
+            await self._fly(autopilot, operator, watchdog)
+        except asyncio.CancelledError:
+            await self._hold(autopilot)
+            raise
+        except BaseExceptionGroup as group:
+            await self._hold(autopilot)
+            first = first_error(group)
+            log.error("part.failed", error=str(first))
+            if isinstance(first, AlightError):
+                raise first from group
+            raise
+        finally:
+            await answer_last(operator, self._answers.drain())
 
     async def _fly(self, autopilot: Autopilot, operator: OperatorLink, watchdog: Watchdog) -> None:
         parts, config = self._parts, self._parts.config
@@ -254,60 +273,21 @@ class Application:
         return (Recorded(self.frames.name, self.frames.subscribe_window(8)), *others)
 
     async def _camera(self) -> None:
-        async with self._parts.camera() as camera:
+        async with AsyncExitStack() as stack:
+            camera, self._opened_camera = self._opened_camera, None
+            if camera is None:
+                camera = await stack.enter_async_context(self._parts.camera())
+            else:
+                stack.push_async_exit(camera)
             await run_camera(camera=camera, frames=self.frames)
 
-    async def _supervise(self, name: str, run: Callable[[], Awaitable[None]], *, vital: bool = True) -> None:
-        """Run a part that may fail: start it again a bounded number of times, then let its last error end all, or if it
-        isn't vital, go on without it.
+    async def _close_unused_camera(self) -> None:
+        if self._opened_camera is not None:
+            await self._opened_camera.__aexit__(None, None, None)
 
-        A part that fails before the first frame has ever been seen was never right: its error ends all at once.
-        """
-        watch = self.frames.subscribe()
-        for attempt in range(RESTARTS_MAX + 1):
-            try:
-                await run()
-                return
-            except Exception as error:
-                if watch.newest is None or (attempt == RESTARTS_MAX and vital):
-                    raise
-                if attempt == RESTARTS_MAX:
-                    log.error("part.given_up", part=name, error=str(error))
-                    self.texts.publish(OperatorText(f"{name} failed for good", Severity.ERROR))
-                    return
-                log.error("part.restarted", part=name, attempt=attempt + 1, error=str(error))
-                self.texts.publish(OperatorText(f"{name} failed, restart {attempt + 1}", Severity.ERROR))
-                await asyncio.sleep(RESTART_AFTER_S)
+    async def _supervise(self, name: str, run: Callable[[], Awaitable[None]], *, vital: bool = True) -> None:
+        await supervise(name, run, proven=lambda: self._last_frame.newest is not None, texts=self.texts, vital=vital)
 
     async def _hold(self, autopilot: Autopilot) -> None:
-        """Leave the vehicle in PX4's own hold, if Alight was steering it, or has let go and PX4 has not taken over."""
-        report, vehicle = self._last_report.newest, self._last_vehicle.newest
-        if report is None or report.phase not in ACTIVE | HANDED_OVER:
-            return
-        if report.phase in HANDED_OVER and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
-            return
-        if vehicle is not None and vehicle.mode in PILOTS_MODES:
-            return
-        try:
-            async with asyncio.timeout(2 * self._parts.config.autopilot.action_timeout_s):
-                await autopilot.execute(AutopilotAction.HOLD)
-            log.warning("vehicle.held", phase=report.phase.value)
-        except (AutopilotError, TimeoutError) as error:
-            log.error("vehicle.not_held", error=str(error))
-
-    async def _farewell(self, operator: OperatorLink) -> None:
-        """Give the phone the answers that are still owed to it."""
-        try:
-            async with asyncio.timeout(LAST_WORDS_S):
-                for answer in self._answers.drain():
-                    await operator.answer(answer)
-        except (AlightError, TimeoutError) as error:
-            log.warning("answers.lost", error=str(error))
-
-
-def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """The first error of a group, however nested."""
-    error: BaseException = group
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
+        timeout_s = 2 * self._parts.config.autopilot.action_timeout_s
+        await hold_vehicle(autopilot, self._last_report.newest, self._last_vehicle.newest, timeout_s)

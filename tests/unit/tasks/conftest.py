@@ -33,10 +33,16 @@ class FakePort:
     """Opens and closes, and says so."""
 
     def __init__(self) -> None:
-        self.is_open = False
+        self.is_open = self.was_opened = False
+        self.opening_takes_s = 0.0
+        self.opening_fails = False
 
     async def __aenter__(self) -> Self:
-        self.is_open = True
+        if self.opening_takes_s:
+            await asyncio.sleep(self.opening_takes_s)
+        if self.opening_fails:
+            raise AutopilotError("nobody there", "switch it on")
+        self.is_open = self.was_opened = True
         return self
 
     async def __aexit__(

@@ -13,7 +13,7 @@ import pytest
 from app.channels import Topic
 from app.clock import run_virtual
 from app.config import CameraConfig, RigConfig
-from app.errors import AlightError, CameraError
+from app.errors import AlightError, AutopilotError, CameraError
 from app.messages import (
     AutopilotAction,
     CommandResult,
@@ -26,7 +26,8 @@ from app.messages import (
     OperatorCommand,
     Phase,
 )
-from app.runtime import RESTARTS_MAX, Application, Parts
+from app.runtime import Application, Parts
+from app.supervision import RESTARTS_MAX
 from app.tasks.compute import in_place
 
 A, C = AutopilotAction, CommandResult
@@ -55,12 +56,11 @@ class Bench:
     """The application and its ports. The vehicle is in the air in hold, and does at once what it is asked."""
 
     def __init__(self, fakes: Any, *, frames: int = 10**9) -> None:
-        self.fakes = fakes
         flying = {"armed": True, "landed": LandedState.IN_AIR, "mode": FlightMode.HOLD}
         self.autopilot = fakes.Autopilot(fakes.vehicle(**flying))
         self.operator, self.recorder, self.detector = fakes.Operator(), fakes.Recorder(), Blind()
         self.cameras: list[Any] = []
-        self.frames = frames
+        self.make_camera: Any = lambda: fakes.Camera(frames)
         self.application = Application(
             Parts(
                 config=RIG,
@@ -78,7 +78,7 @@ class Bench:
         self.last = self.reports.subscribe()
 
     def camera(self) -> Any:
-        self.cameras.append(self.fakes.Camera(self.frames))
+        self.cameras.append(self.make_camera())
         return self.cameras[-1]
 
     async def obey(self) -> None:
@@ -253,3 +253,48 @@ def test_setpoints_of_a_whole_flight_keep_their_period(fakes: Any):
     bench, _ = fly(fakes, stop_while_steering)
     gaps = np.diff([t_s for t_s, _ in bench.autopilot.setpoints])
     np.testing.assert_allclose(gaps, 0.02, atol=1e-9)
+
+
+def test_camera_that_does_not_open_is_told_before_the_links_are_tried(fakes: Any):
+    class Closed(fakes.Camera):  # type: ignore[misc]
+        async def __aenter__(self) -> Any:
+            raise CameraError("no camera 7", "plug it in")
+
+    async def main() -> float:
+        bench = Bench(fakes)
+        bench.autopilot.opening_takes_s = 600.0
+        bench.make_camera = Closed
+        with pytest.raises(CameraError, match="no camera 7"):
+            await bench.application.run()
+        return fakes.clock.now_s()
+
+    assert run_virtual(main(), start_s=100.0) == 100.0
+
+
+def test_stop_while_a_link_is_still_opening_ends_at_once_and_closes_what_is_open(fakes: Any):
+    async def main() -> tuple[float, Bench]:
+        bench = Bench(fakes)
+        bench.autopilot.opening_takes_s = 600.0
+        run = asyncio.create_task(bench.application.run())
+        await asyncio.sleep(3.0)
+        bench.application.stop()
+        await run
+        return fakes.clock.now_s(), bench
+
+    ended_s, bench = run_virtual(main(), start_s=100.0)
+    assert ended_s == 103.0
+    assert len(bench.cameras) == 1
+    assert not any(port.is_open for port in (bench.autopilot, bench.operator, bench.recorder, *bench.cameras))
+
+
+def test_autopilot_that_is_not_there_closes_the_camera_and_makes_no_record(fakes: Any):
+    async def main() -> Bench:
+        bench = Bench(fakes)
+        bench.autopilot.opening_fails = True
+        with pytest.raises(AutopilotError, match="nobody there"):
+            await bench.application.run()
+        return bench
+
+    bench = run_virtual(main(), start_s=100.0)
+    assert len(bench.cameras) == 1 and not bench.cameras[0].is_open
+    assert not bench.recorder.was_opened

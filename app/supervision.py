@@ -1,0 +1,107 @@
+"""What is done when a part fails or the application ends: parts started again, the vehicle held, the phone answered."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+
+from app.channels import Topic
+from app.errors import AlightError, AutopilotError
+from app.log import get_logger
+from app.messages import (
+    AutopilotAction,
+    CommandAnswer,
+    FlightMode,
+    MissionReport,
+    OperatorText,
+    Severity,
+    VehicleState,
+)
+from app.mission.states import ACTIVE, HANDED_OVER
+from app.ports import Autopilot, OperatorLink
+
+log = get_logger("supervision")
+
+RESTARTS_MAX = 5
+RESTART_AFTER_S = 1.0
+PILOTS_MODES = frozenset({FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION})
+"""Whoever flies in one of these has the sticks in hand: an application that ends takes nothing from them."""
+LAST_WORDS_S = 1.0
+"""For the phone's last answers, once every task has ended."""
+
+
+async def supervise(
+    name: str,
+    run: Callable[[], Awaitable[None]],
+    *,
+    proven: Callable[[], bool],
+    texts: Topic[OperatorText],
+    vital: bool = True,
+) -> None:
+    """Run a part that may fail: start it again a bounded number of times, then let its last error end all, or if it
+    isn't vital, go on without it.
+
+    Args:
+        name: Of the part, for log and phone.
+        run: Starts it.
+        proven: Whether all of it has worked at least once: before that it was never right, and its error ends all.
+        texts: To the phone.
+        vital: Whether a flight needs it.
+    """
+    for attempt in range(RESTARTS_MAX + 1):
+        try:
+            await run()
+            return
+        except Exception as error:
+            if not proven() or (attempt == RESTARTS_MAX and vital):
+                raise
+            if attempt == RESTARTS_MAX:
+                log.error("part.given_up", part=name, error=str(error))
+                texts.publish(OperatorText(f"{name} failed for good", Severity.ERROR))
+                return
+            log.error("part.restarted", part=name, attempt=attempt + 1, error=str(error))
+            texts.publish(OperatorText(f"{name} failed, restart {attempt + 1}", Severity.ERROR))
+            await asyncio.sleep(RESTART_AFTER_S)
+
+
+async def hold_vehicle(
+    autopilot: Autopilot, report: MissionReport | None, vehicle: VehicleState | None, timeout_s: float
+) -> None:
+    """Leave the vehicle in PX4's own hold, if Alight was steering it, or has let go and PX4 has not taken over.
+
+    Args:
+        autopilot: The link.
+        report: The mission's last.
+        vehicle: Its last state.
+        timeout_s: For PX4's answer.
+    """
+    if report is None or report.phase not in ACTIVE | HANDED_OVER:
+        return
+    if report.phase in HANDED_OVER and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
+        return
+    if vehicle is not None and vehicle.mode in PILOTS_MODES:
+        return
+    try:
+        async with asyncio.timeout(timeout_s):
+            await autopilot.execute(AutopilotAction.HOLD)
+        log.warning("vehicle.held", phase=report.phase.value)
+    except (AutopilotError, TimeoutError) as error:
+        log.error("vehicle.not_held", error=str(error))
+
+
+async def answer_last(operator: OperatorLink, answers: Iterable[CommandAnswer]) -> None:
+    """Give the phone the answers that are still owed to it."""
+    try:
+        async with asyncio.timeout(LAST_WORDS_S):
+            for answer in answers:
+                await operator.answer(answer)
+    except (AlightError, TimeoutError) as error:
+        log.warning("answers.lost", error=str(error))
+
+
+def first_error(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """The first error of a group, however nested."""
+    error: BaseException = group
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
