@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
+from app.display import open_console
 from app.errors import ConfigError
 from app.log import configure_logging
 from app.messages import CommandResult, OperatorAction
@@ -54,12 +54,12 @@ def demo(
 ) -> None:
     """Fly the paper's two experiments in the built-in simulator: a static pad, and a car at 13.5 km/h."""
     from app.demo import EXPERIMENTS, run_demo
-    from app.wiring import CONFIGS, load_rig
+    from app.wiring import load_shipped_rig
 
     configure_logging(verbose=verbose, quiet=not verbose)
-    console = Console(force_terminal=False if headless else None)
+    console = open_console(sys.stdout, plain=headless)
     chosen = EXPERIMENTS if experiment is None else (experiment.value,)
-    found = run_demo(load_rig(CONFIGS / "simulator.toml"), chosen, seed, out, console)
+    found = run_demo(load_shipped_rig("simulator.toml"), chosen, seed, out, console)
     if any(result["outcome"] != "landed" for result in found["experiments"]):
         raise typer.Exit(1)
 
@@ -67,7 +67,9 @@ def demo(
 @cli.command(short_help="Fly a rig: real hardware, or PX4 SITL.")
 def run(
     config: Annotated[Path, typer.Option(help="Rig file, such as configs/sitl.toml.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for the flight record; the rig's otherwise.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for record and result; a new one in the rig's otherwise.")
+    ] = None,
     once: Annotated[bool, typer.Option("--once", help="End after the first mission.")] = False,
     verbose: Verbose = False,
 ) -> None:
@@ -76,7 +78,7 @@ def run(
     from app.wiring import load_rig
 
     configure_logging(verbose=verbose)
-    run_rig(load_rig(config), out, once, Console(stderr=True))
+    run_rig(load_rig(config), out, once, open_console(sys.stderr))
 
 
 @cli.command(short_help="Command Alight as a phone does.")

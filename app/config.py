@@ -152,8 +152,8 @@ class EstimationConfig(Section):
 class GuidanceConfig(Section):
     """[guidance]: the velocity controller."""
 
-    position_gain_1_s: float = Field(default=2.0, gt=0, le=5)
-    trim_gain_1_s2: float = Field(default=0.4, ge=0, le=3, description="integral action against PX4's velocity error")
+    position_gain_1_s: float = Field(default=2.5, gt=0, le=5)
+    trim_gain_1_s2: float = Field(default=1.5, ge=0, le=3, description="integral action against PX4's velocity error")
     trim_max_m_s: float = Field(default=0.4, ge=0, le=2)
     coast_s: float = Field(default=4.0, ge=0, le=30, description="with the pad's last velocity, after it was lost")
     speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
@@ -276,10 +276,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.toml")], n=1)
+        near = difflib.get_close_matches(path.stem, [p.stem for p in path.parent.glob("*.toml")], n=1)
         raise ConfigError(
             f"{path}: no such file",
-            f"did you mean {path.parent / near[0]}?"
+            f"did you mean {path.parent / near[0]}.toml?"
             if near
             else "give the path of a .toml file; configs/ has the ones that ship",
         ) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import random
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from app.config import PadMotionConfig, WorldConfig
+from app.debrief import RESULT, clear, failed, files_of, own_folder, review, write_result
 from app.errors import AlightError
-from app.flying import Plan, fly
+from app.flying import Ended, Plan, fly
 from app.messages import OperatorAction
 from app.review.figures import draw_binary, draw_figures
-from app.review.flight import collect_flight
-from app.review.record_reader import read_record
-from app.review.report import read_truth, summarise
+from app.review.flight import Flight
 from app.review.video import binary_of, middle_of_descent, write_video
 from app.wiring import Rig
 
@@ -66,46 +64,69 @@ def run_demo(rig: Rig, experiments: tuple[str, ...], seed: int, out: Path, conso
         rig: The simulator's rig.
         experiments: Of EXPERIMENTS.
         seed: Of the worlds.
-        out: Folder for everything that is written.
+        out: Folder for everything that is written; what it holds of an earlier demo is replaced.
         console: Where to show it.
 
     Returns:
         What result.json holds.
 
     Raises:
-        AlightError: The folder can't be made, or a flight could not be flown.
+        AlightError: The folder can't be written, or a flight could not be flown; result.json tells of those before it.
+        KeyboardInterrupt: It was interrupted; result.json tells of what was flown.
     """
-    results = []
-    for name in experiments:
-        folder = out / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as fault:
-            raise AlightError(f"{folder}: can't be made ({fault.strerror})", "give another folder with --out") from None
-        plan = Plan(
-            name, rig.with_world(world_of(name, seed)).on_free_ports(), folder, OperatorAction.LAND, True, TIMEOUT_S
+    with own_folder(out):
+        clear(out / RESULT)
+        results: list[dict[str, Any]] = []
+        for name in experiments:
+            world = rig.with_world(world_of(name, seed)).on_free_ports()
+            with own_folder(out / name) as folder:
+                plan = Plan(name, world, folder, OperatorAction.LAND, True, TIMEOUT_S)
+                _fly_one(plan, out, results, console)
+        console.print(table_of(results))
+        console.print(
+            f"written to {out}: result.json, figures, videos, flight records", highlight=False, soft_wrap=True
         )
-        used = asyncio.run(fly(plan, console))
-        console.print(f"  {name}: drawing figures and video", highlight=False)
-        results.append(review(plan, used))
-    found = {"experiments": results}
-    (out / "result.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    console.print(table_of(results))
-    console.print(f"written to {out}: result.json, figures, videos, flight records", highlight=False, soft_wrap=True)
-    return found
+        return {"experiments": results}
 
 
-def review(plan: Plan, used: dict[str, Any]) -> dict[str, Any]:
-    """Figures, video and the entry of result.json of one flight."""
-    flight = collect_flight(read_record(plan.record))
-    truth = read_truth(plan.truth) if plan.truth.exists() else []
+def _fly_one(plan: Plan, out: Path, results: list[dict[str, Any]], console: Console) -> None:
+    """Fly and review one experiment, and write what all came to so far, this one's error too."""
+    clear(*files_of(plan), *drawings_of(plan))
+    try:
+        flown = asyncio.run(fly(plan, console))
+    except AlightError as error:
+        write_result(out, [*results, failed(plan, error)])
+        raise
+    flight, entry = review(plan, flown)
+    results.append(entry)
+    write_result(out, results)
+    if flown.ended is Ended.INTERRUPTED:
+        raise KeyboardInterrupt
+    console.print(f"  {plan.title}: drawing figures and video", highlight=False)
+    draw(plan, flight)
+
+
+def drawings_of(plan: Plan) -> list[Path]:
+    """What `draw` has written into the plan's folder."""
+    return (
+        [] if plan.folder is None else [p for p in plan.folder.glob(f"{plan.title}*") if p.suffix in (".png", ".mp4")]
+    )
+
+
+def draw(plan: Plan, flight: Flight) -> None:
+    """Figures and video of a flight into its folder, if it has one.
+
+    Raises:
+        RecorderError: The record can't be read, or a picture can't be written.
+    """
+    if plan.folder is None or plan.record is None:
+        return
     draw_figures(flight, plan.title, plan.folder)
     write_video(plan.record, plan.folder / f"{plan.title}.mp4", plan.rig.landmark, plan.rig.lens)
     original = middle_of_descent(plan.record, flight)
     if original is not None:
         binary = binary_of(original, plan.rig.landmark, plan.rig.lens, plan.rig.config.vision)
         draw_binary(original.image, binary, plan.title, plan.folder)
-    return summarise(plan.title, flight, truth, **used)
 
 
 def table_of(results: list[dict[str, Any]]) -> Table:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TextIO
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from app.channels import Latest
+from app.log import unfailing
 from app.messages import Detection, GuidanceStatus, MissionReport, OperatorText, PadTrack, VehicleState
+
+
+def open_console(stream: TextIO, *, plain: bool = False) -> Console:
+    """Where a person looks: a console whose failures end no flight; plain: nothing in it changes in place."""
+    return Console(file=unfailing(stream), force_terminal=False if plain else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +32,17 @@ class Watched:
 
 
 class Display:
-    """A line that changes in place on a terminal; elsewhere a plain line for each change of state.
+    """A line that changes in place on a terminal, and a line for each change of state.
 
     Args:
         title: What flies.
         watched: Where to look.
         console: Where to write.
+        tells: Whether each change of state gets a line that stays; not where the log tells it.
     """
 
-    def __init__(self, title: str, watched: Watched, console: Console) -> None:
+    def __init__(self, title: str, watched: Watched, console: Console, *, tells: bool = True) -> None:
+        self._tells = tells
         self._title = title
         self._watched = watched
         self._console = console
@@ -57,14 +66,14 @@ class Display:
         reason = "" if report is None else report.reason
         figures = self._figures(now_s)
         if self._live is None:
-            if (phase, reason) != self._shown:
+            if self._tells and (phase, reason) != self._shown:
                 line = f"  {self._title}: {reason or phase}  ({figures})"
                 self._console.print(line, highlight=False, soft_wrap=True)
         else:
             row = Table.grid(padding=(0, 2))
             row.add_row(f"[bold]{self._title}[/]", f"[bold cyan]{phase:<9}[/]", figures, f"[dim]{reason}[/]")
             self._live.update(row, refresh=True)
-            if report is not None and self._shown is not None and (phase, reason) != self._shown:
+            if self._tells and report is not None and self._shown is not None and (phase, reason) != self._shown:
                 self._console.print(f"  {self._title}: {reason}", highlight=False)
         self._shown = (phase, reason)
 

@@ -11,10 +11,10 @@ import signal
 import sys
 import tempfile
 import time
-from contextlib import AsyncExitStack
-from dataclasses import dataclass
+from contextlib import AsyncExitStack, suppress
+from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -45,35 +45,58 @@ class Plan:
     Attributes:
         title: For the display.
         rig: The rig.
-        folder: Where record and truth go; it exists.
+        folder: Where record and truth go; it exists. None for neither.
         order: What the phone is to ask for; None: a person's own phone will.
         once: End after the first mission.
         timeout_s: End after this long in any case; None for never.
+        logged: The log tells each change of state, so the display need not.
     """
 
     title: str
     rig: Rig
-    folder: Path
+    folder: Path | None
     order: OperatorAction | None = None
     once: bool = False
     timeout_s: float | None = None
+    logged: bool = False
 
     @property
-    def record(self) -> Path:
+    def record(self) -> Path | None:
         """The flight record."""
-        return self.folder / "flight.mcap"
+        return None if self.folder is None else self.folder / "flight.mcap"
 
     @property
-    def truth(self) -> Path:
+    def truth(self) -> Path | None:
         """The simulator's log."""
-        return self.folder / "truth.jsonl"
+        return None if self.folder is None else self.folder / "truth.jsonl"
 
 
-async def fly(plan: Plan, console: Console) -> dict[str, Any]:
+class Ended(StrEnum):
+    """Why the flying ended."""
+
+    OVER = "over"
+    """The mission came to its own end."""
+    INTERRUPTED = "interrupted"
+    """Somebody asked for it: Ctrl-C, or the system's SIGTERM or SIGHUP."""
+    TIMED_OUT = "timed out"
+    """The plan's time was up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """How a plan was flown.
+
+    Attributes:
+        ended: Why it ended.
+        cpu_percent: Processor time of "application" and "simulator", in percent of one core.
+    """
+
+    ended: Ended
+    cpu_percent: dict[str, float] = field(default_factory=dict)
+
+
+async def fly(plan: Plan, console: Console) -> Flown:
     """Fly a plan to its end.
-
-    Returns:
-        Figures of the processes: processor time of application and simulator in percent of one core.
 
     Raises:
         AlightError: Something doesn't open, or failed.
@@ -97,13 +120,13 @@ async def fly(plan: Plan, console: Console) -> dict[str, Any]:
             reports=application.reports.subscribe(),
             texts=application.texts.subscribe(),
         )
-        _stop_on_signals(application)
+        signals = _stop_on_signals(application)
         wall_s, own_s = time.monotonic(), _own_cpu_s()
         simulated_s = _cpu_s(simulator.pid) if simulator is not None else 0.0
         running = asyncio.create_task(application.run(), name="application")
-        with Display(plan.title, watched, console) as display:
+        with Display(plan.title, watched, console, tells=not plan.logged) as display:
             try:
-                await _attend(plan, application, running, reports, vehicle, display)
+                ended = await _attend(plan, running, reports, vehicle, display)
             finally:
                 application.stop()
                 await asyncio.wait([running])
@@ -112,62 +135,72 @@ async def fly(plan: Plan, console: Console) -> dict[str, Any]:
         used = {"application": round(100 * own_s / wall_s, 1)}
         if simulator is not None:
             used["simulator"] = round(100 * (_cpu_s(simulator.pid) - simulated_s) / wall_s, 1)
-        return {"cpu_percent": used}
+        return Flown(Ended.INTERRUPTED if signals else ended, used)
 
 
 async def _attend(
     plan: Plan,
-    application: Application,
     running: asyncio.Task[None],
     reports: Latest[MissionReport],
     vehicle: Latest[VehicleState],
     display: Display,
-) -> None:
+) -> Ended:
     """Show the flight, let the phone speak when the vehicle is ready, and leave when it is over."""
     start_s = time.monotonic()
     phone: asyncio.Task[str] | None = None
     refused, refused_s = "the vehicle did not become ready to arm", 0.0
     begun = False
     over_since_s: float | None = None
-    while not running.done():
-        now_s = time.monotonic()
-        display.refresh(now_s)
-        report, state = reports.newest, vehicle.newest
-        if report is not None:
-            begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
-            over = plan.once and begun and report.phase in ENDED and report.command is None
-            over_since_s = (over_since_s or now_s) if over else None
-            if over_since_s is not None and now_s - over_since_s > LINGER_S:
+    ended = Ended.OVER
+    try:
+        while not running.done():
+            now_s = time.monotonic()
+            display.refresh(now_s)
+            report, state = reports.newest, vehicle.newest
+            if report is not None:
+                begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
+                over = plan.once and begun and report.phase in ENDED and report.command is None
+                over_since_s = (over_since_s or now_s) if over else None
+                if over_since_s is not None and now_s - over_since_s > LINGER_S:
+                    break
+            if plan.order is not None and not begun:
+                if phone is not None and phone.done():
+                    refused, refused_s, phone = phone.result(), now_s, None
+                ready = state is not None and state.armable and report is not None
+                if phone is None and ready and now_s - refused_s > ASK_AGAIN_S:
+                    phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
+                if now_s - start_s > READY_TIMEOUT_S:
+                    raise AlightError(
+                        f"no flight began within {READY_TIMEOUT_S:.0f} s: {refused}", "look at the log with --verbose"
+                    )
+            if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
+                ended = Ended.TIMED_OUT
                 break
-        if plan.order is not None and not begun:
-            if phone is not None and phone.done():
-                refused, refused_s, phone = phone.result(), now_s, None
-            ready = state is not None and state.armable and report is not None
-            if phone is None and ready and now_s - refused_s > ASK_AGAIN_S:
-                phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
-            if now_s - start_s > READY_TIMEOUT_S:
-                raise AlightError(f"no flight began within {READY_TIMEOUT_S:.0f} s: {refused}", "mend that")
-        if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
-            break
-        await asyncio.wait([running], timeout=REFRESH_S)
-    display.refresh(time.monotonic())
-    if phone is not None:
-        if not running.done():
-            await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)
-        phone.cancel()
-        await asyncio.wait([phone])
+            await asyncio.wait([running], timeout=REFRESH_S)
+        display.refresh(time.monotonic())
+        if phone is not None and over_since_s is not None:
+            await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)  # it hears how the mission ended, and ends by itself
+    finally:
+        if phone is not None:
+            phone.cancel()
+            await asyncio.wait([phone])
+    return ended
 
 
 async def _phone(address: str, order: OperatorAction) -> str:
     """`alight phone` as a process of its own: an independent ground station. Returns the last line that it printed."""
     command = [sys.executable, "-m", "app", "phone", order.name.lower(), "--address", address]
     process = await asyncio.create_subprocess_exec(
-        *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        *command,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        start_new_session=True,  # a terminal's Ctrl-C is for the application, which ends this
     )
     try:
         words, _ = await process.communicate()
     except asyncio.CancelledError:
-        process.terminate()
+        with suppress(ProcessLookupError):
+            process.terminate()
         await process.wait()
         raise
     lines = [line for line in words.decode(errors="replace").splitlines() if line.strip()]
@@ -175,10 +208,22 @@ async def _phone(address: str, order: OperatorAction) -> str:
     return told[-1] if told else "the phone said nothing"
 
 
-def _stop_on_signals(application: Application) -> None:
+def _stop_on_signals(application: Application) -> list[int]:
+    """From now on the signals that end a program end the application in order. Returns those that came, as they come.
+
+    A terminal that hangs up counts too, unless the program was started to outlive it (nohup).
+    """
+    came: list[int] = []
+
+    def stop(number: int) -> None:
+        came.append(number)
+        application.stop()
+
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, application.stop)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            loop.add_signal_handler(number, stop, number)
+    return came
 
 
 def _own_cpu_s() -> float:

@@ -1,12 +1,53 @@
-"""Structured logs: coloured on a terminal, JSON elsewhere. Events are `noun.past_verb` with fields that carry units."""
+"""Structured logs: coloured on a terminal, JSON elsewhere. Events are `noun.past_verb` with fields that carry units.
+
+A log or a display that nobody can read any more (a closed pipe, a terminal that hung up, a full disk) must not end a
+flight: what can't be written is left out.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sys
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TextIO, cast
 
 import structlog
+
+
+class _Unfailing:
+    """As much of a text stream as structlog and rich write to; a write that fails is no error."""
+
+    def __init__(self, stream: Callable[[], TextIO]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError, ValueError):  # ValueError: closed, or not encodable
+            self._stream().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._stream().flush()
+
+    def isatty(self) -> bool:
+        return self._stream().isatty()
+
+    def fileno(self) -> int:
+        return self._stream().fileno()
+
+    @property
+    def encoding(self) -> str:
+        return self._stream().encoding
+
+
+def unfailing(stream: TextIO) -> TextIO:
+    """A stream for people to look at, whose writes never fail."""
+    return cast(TextIO, _Unfailing(lambda: stream))
+
+
+# The present one, since a display that changes in place puts its own there: lines then go above it.
+_STANDARD_ERROR = cast(TextIO, _Unfailing(lambda: sys.stderr))
 
 
 def configure_logging(*, verbose: bool = False, quiet: bool = False) -> None:
@@ -27,7 +68,7 @@ def configure_logging(*, verbose: bool = False, quiet: bool = False) -> None:
             renderer,
         ],
         wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(file=sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(file=_STANDARD_ERROR),
         cache_logger_on_first_use=False,
     )
 

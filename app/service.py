@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
+import shutil
 import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
@@ -11,15 +11,19 @@ from pathlib import Path
 
 from rich.console import Console
 
+from app.debrief import RESULT, failed, files_of, own_folder, review, set_aside, write_result
 from app.errors import AlightError
 from app.flying import Plan, fly
 from app.log import get_logger
-from app.review.flight import collect_flight
-from app.review.record_reader import read_record
-from app.review.report import read_truth, summarise
-from app.wiring import Rig, make_camera, open_autopilot
+from app.systemd import Watchdog
+from app.wiring import Rig, check_operator, make_camera, make_links
 
 log = get_logger("service")
+
+REVIEW_S = 120.0
+"""systemd is asked to wait this long for the review of a long record."""
+FREE_MIN_GB = 0.5
+"""A record with images at their full rate grows by 1 to 2 GB an hour."""
 
 Finding = tuple[str, bool, str]
 """(part, whether it is a fault, what was found)."""
@@ -28,22 +32,30 @@ Finding = tuple[str, bool, str]
 def run_rig(rig: Rig, out: Path | None, once: bool, console: Console) -> None:
     """Fly a rig until Ctrl-C or SIGTERM, or to the end of the first mission; then write result.json beside the record.
 
+    Without `out`, and with an empty recorder.directory, nothing is written.
+
     Raises:
         AlightError: Something doesn't open, or a critical part failed.
     """
-    directory = rig.config.recorder.directory
-    stamp = f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-    folder = out if out is not None else Path(directory or ".") / stamp
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise AlightError(f"{folder}: can't be made ({fault.strerror})", "give another folder with --out") from None
-    plan = Plan(rig.path.stem, rig, folder, once=once)
-    used = asyncio.run(fly(plan, console))
-    truth = read_truth(plan.truth) if plan.truth.exists() else []
-    found = {"experiments": [summarise(plan.title, collect_flight(read_record(plan.record)), truth, **used)]}
-    (folder / "result.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    log.info("flight.reviewed", folder=str(folder), outcome=found["experiments"][0]["outcome"])
+    folder = out
+    if folder is None and rig.config.recorder.directory:
+        folder = Path(rig.config.recorder.directory) / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
+    plan = Plan(rig.path.stem, rig, folder, once=once, logged=True)
+    if folder is None:
+        asyncio.run(fly(plan, console))
+        return
+    with own_folder(folder):
+        set_aside(*files_of(plan), folder / RESULT)
+        try:
+            flown = asyncio.run(fly(plan, console))
+        except AlightError as error:
+            if plan.record is not None and plan.record.exists():
+                write_result(folder, [failed(plan, error)])
+            raise
+        Watchdog().busy(REVIEW_S)
+        _, entry = review(plan, flown)
+        write_result(folder, [entry])
+    log.info("flight.reviewed", folder=str(folder), outcome=entry["outcome"], reason=entry["reason"])
 
 
 async def check_rig(rig: Rig, seconds: float) -> list[Finding]:
@@ -55,7 +67,11 @@ async def check_rig(rig: Rig, seconds: float) -> list[Finding]:
             f"{rig.path}: landmark {rig.landmark.name} ({rig.landmark.code}), {rig.lens_config.model} lens",
         )
     ]
-    parts: list[tuple[str, Callable[[Rig, float], Awaitable[str]]]] = [("autopilot", _check_autopilot)]
+    parts: list[tuple[str, Callable[[Rig, float], Awaitable[str]]]] = [
+        ("record", _check_record),
+        ("autopilot", _check_autopilot),
+        ("phone", _check_phone),
+    ]
     if rig.config.camera.driver == "synthetic":
         found.append(("camera", False, "synthetic: rendered by the simulator when it flies"))
     else:
@@ -84,9 +100,21 @@ async def _check_camera(rig: Rig, seconds: float) -> str:
     return f"{frames} frames, {rate:.1f} a second"
 
 
+async def _check_record(rig: Rig, seconds: float) -> str:
+    if not rig.config.recorder.directory:
+        return "none is made: recorder.directory is empty"
+    directory = Path(rig.config.recorder.directory)
+    with own_folder(directory):
+        free_gb = shutil.disk_usage(directory).free / 1e9
+        if free_gb < FREE_MIN_GB:
+            raise AlightError(f"{directory}: {free_gb:.2f} GB free", f"free {FREE_MIN_GB:g} GB")
+    return f"{directory}: {free_gb:.1f} GB free"
+
+
 async def _check_autopilot(rig: Rig, seconds: float) -> str:
+    autopilot, _ = make_links(rig)
     states, ready = 0, False
-    async with open_autopilot(rig) as autopilot:
+    async with autopilot:
         end_s = time.monotonic() + seconds
         async for state in autopilot.states():
             states += 1
@@ -98,3 +126,11 @@ async def _check_autopilot(rig: Rig, seconds: float) -> str:
         wanted = rig.config.autopilot.telemetry_rate_hz
         raise AlightError(f"{rate:.0f} states a second instead of {wanted:g}", "raise the link's baud rate")
     return f"{rig.config.autopilot.address}: {rate:.0f} states a second, {'ready' if ready else 'not ready'} to arm"
+
+
+async def _check_phone(rig: Rig, seconds: float) -> str:
+    address = rig.config.operator.address
+    if not address:
+        return "comes through the autopilot's link"
+    check_operator(rig)
+    return f"{address}: free to listen on"

@@ -29,6 +29,10 @@ class Watchdog:
         if self._turns % 10 == 0:
             self._send(b"WATCHDOG=1")
 
+    def busy(self, seconds: float) -> None:
+        """The service is starting or going down and needs this long for it."""
+        self._send(b"EXTEND_TIMEOUT_USEC=%d" % round(seconds * 1e6))
+
     def close(self) -> None:
         """The service is going down."""
         self._send(b"STOPPING=1")

@@ -11,13 +11,13 @@ import cv2
 
 from app.clock import MonotonicClock
 from app.config import LensConfig, PadConfig, RigConfig, VisionConfig, WorldConfig, read_config, resolve
-from app.errors import ConfigError
+from app.errors import ConfigError, OperatorError
 from app.estimation.fix import FixMaker, Method, pose_estimator
-from app.estimation.height_table import read_height_table
+from app.estimation.height_table import HeightTable, read_height_table
 from app.estimation.mount import body_from_cam
 from app.landmark import Landmark, paper_landmark
 from app.messages import OperatorAction
-from app.ports import Autopilot, Camera
+from app.ports import Autopilot, Camera, OperatorLink
 from app.review.inspect import InspectedFrame, inspect
 from app.runtime import Application, Parts
 from app.tasks.compute import InThread
@@ -28,6 +28,7 @@ from drivers.camera.images import open_sources
 from drivers.camera.opencv import OpenCvCamera
 from drivers.camera.picamera import PiCamera
 from drivers.camera.synthetic import SyntheticCamera
+from drivers.mavsdk_session import check_address
 from drivers.operator.mavlink import MavlinkOperator
 from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, send_command
 from drivers.recorder.mcap import McapRecorder
@@ -43,10 +44,12 @@ __all__ = [
     "SimulatorProcess",
     "build_application",
     "build_simulator",
+    "check_operator",
     "inspect_files",
     "load_rig",
+    "load_shipped_rig",
     "make_camera",
-    "open_autopilot",
+    "make_links",
     "read_landmark",
     "read_lens",
     "tell",
@@ -66,6 +69,7 @@ class Rig:
         landmark: Of its pad.
         lens_config: Of its camera.
         lens: The model of that.
+        height_table: For method paper; None: worked out from the lens.
     """
 
     path: Path
@@ -73,6 +77,7 @@ class Rig:
     landmark: Landmark
     lens_config: LensConfig
     lens: Lens
+    height_table: HeightTable | None = None
 
     def with_world(self, world: WorldConfig) -> Rig:
         """The same in another simulated world."""
@@ -120,7 +125,22 @@ def load_rig(path: Path) -> Rig:
     config = read_config(path, RigConfig)
     lens_config = read_lens(_named(path, "camera.lens", config.camera.lens))
     landmark = read_landmark(_named(path, "pad", config.pad))
-    return Rig(path, config, landmark, lens_config, lens_from_config(lens_config))
+    table = None
+    if config.vision.height_table:
+        table = read_height_table(_named(path, "vision.height_table", config.vision.height_table))
+    return Rig(path, config, landmark, lens_config, lens_from_config(lens_config), table)
+
+
+def load_shipped_rig(name: str) -> Rig:
+    """A rig of configs/.
+
+    Raises:
+        ConfigError: The configurations that ship are not here.
+    """
+    path = CONFIGS / name
+    if not path.is_file():
+        raise ConfigError(f"{path}: Alight's own configurations are not here", "run Alight from its project folder")
+    return load_rig(path)
 
 
 def _named(path: Path, key: str, name: str) -> Path:
@@ -148,9 +168,19 @@ def make_camera(rig: Rig, source: str | None = None) -> Camera:
             return SyntheticCamera(camera.source)
 
 
-def open_autopilot(rig: Rig) -> Autopilot:
-    """The rig's autopilot link, not yet open."""
-    return Px4Autopilot(rig.config.autopilot)
+def make_links(rig: Rig) -> tuple[Autopilot, OperatorLink]:
+    """The rig's autopilot and the phone, neither open yet; the phone's is opened after the autopilot's."""
+    autopilot = Px4Autopilot(rig.config.autopilot)
+    return autopilot, MavlinkOperator(rig.config.operator, autopilot)
+
+
+def check_operator(rig: Rig) -> None:
+    """See that the phone's own address can be listened on.
+
+    Raises:
+        OperatorError: It can't.
+    """
+    check_address(rig.config.operator.address, OperatorError)
 
 
 def build_application(rig: Rig, *, source: str | None = None, record: Path | None = None) -> Application:
@@ -163,10 +193,7 @@ def build_application(rig: Rig, *, source: str | None = None, record: Path | Non
     """
     config = rig.config
     cv2.setNumThreads(1)  # one thread of vision's own; the other cores belong to the rest
-    table = None
-    if config.vision.height_table:
-        table = read_height_table(resolve(rig.path, config.vision.height_table))
-    autopilot = Px4Autopilot(config.autopilot)
+    autopilot, operator = make_links(rig)
     recorder = None
     if record is not None:
         recorder = McapRecorder(
@@ -176,11 +203,11 @@ def build_application(rig: Rig, *, source: str | None = None, record: Path | Non
         config=config,
         camera=lambda: make_camera(rig, source),
         autopilot=autopilot,
-        operator=MavlinkOperator(config.operator, autopilot),
+        operator=operator,
         recorder=recorder,
         detector=Detector(rig.landmark, rig.lens, config.vision),
         make_fix=FixMaker(
-            pose_estimator(rig.landmark, rig.lens, config.vision.method, table), body_from_cam(config.camera)
+            pose_estimator(rig.landmark, rig.lens, config.vision.method, rig.height_table), body_from_cam(config.camera)
         ),
         clock=MonotonicClock(),
         compute=InThread(),
@@ -188,7 +215,7 @@ def build_application(rig: Rig, *, source: str | None = None, record: Path | Non
     return Application(parts)
 
 
-def build_simulator(rig: Rig, *, frames: Path, truth: Path) -> SimulatorProcess:
+def build_simulator(rig: Rig, *, frames: Path, truth: Path | None) -> SimulatorProcess:
     """The simulator for a rig with a [simulator] table.
 
     Raises:

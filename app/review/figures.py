@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
+from app.errors import RecorderError
 from app.messages import Image
 from app.review.flight import Flight
 
@@ -36,22 +37,30 @@ def _figure(flight: Flight, title: str, y_label: str, path: Path, draw: Callable
     start, end = flight.window_s()
     end += 2.0
     figure, axes = plt.subplots(figsize=(8, 4), dpi=120, layout="constrained")
-    edges = [t for t, _, _ in flight.phases[1:]] + [end]
     named: set[str] = set()
-    for (t, phase, _), until in zip(flight.phases, edges, strict=True):
-        if phase in PHASE_COLOURS and min(until, end) > t:
+    for begin, until, phase in flight.spans_s():
+        if phase in PHASE_COLOURS and min(until, end) > begin:
             label = None if phase in named else phase
             named.add(phase)
-            axes.axvspan(t - start, min(until, end) - start, color=PHASE_COLOURS[phase], label=label, lw=0)
+            axes.axvspan(begin - start, min(until, end) - start, color=PHASE_COLOURS[phase], label=label, lw=0)
     draw(axes, start)
     axes.set_xlim(0.0, end - start)
     axes.set_title(title)
     axes.set_xlabel("time in s")
     axes.set_ylabel(y_label)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, ncols=2)
-    figure.savefig(path)
-    plt.close(figure)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, ncols=2)
+    return _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> Path:
+    try:
+        figure.savefig(path)
+    except OSError as fault:
+        raise RecorderError(f"{path}: can't be written ({fault.strerror})", "free some space, or use --out") from None
+    finally:
+        plt.close(figure)
     return path
 
 
@@ -62,6 +71,9 @@ def draw_figures(flight: Flight, name: str, folder: Path) -> list[Path]:
         flight: What was recorded.
         name: Of the experiment, for titles and file names.
         folder: Where the PNG files go; it exists.
+
+    Raises:
+        RecorderError: A figure can't be written.
     """
 
     def vertical(axes: Any, start: float) -> None:
@@ -94,7 +106,4 @@ def draw_binary(original: Image, binary: Image, name: str, folder: Path) -> Path
         axes.imshow(np.asarray(image), cmap="gray", vmin=0, vmax=255)
         axes.set_title(f"{name}: {title}")
         axes.axis("off")
-    path = folder / f"{name}-original-and-binary.png"
-    figure.savefig(path)
-    plt.close(figure)
-    return path
+    return _save(figure, folder / f"{name}-original-and-binary.png")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from array import array
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -61,11 +62,16 @@ class Flight:
     def time_in_state_s(self) -> dict[str, float]:
         """Seconds spent in each phase that was entered after the first, in order of first entry."""
         total: dict[str, float] = {}
-        ends = [t for t, _, _ in self.phases[1:]] + [max(self.end_s, self.phases[-1][0] if self.phases else 0.0)]
-        for (start, phase, _), end in zip(self.phases, ends, strict=True):
+        for start, end, phase in self.spans_s():
             if phase != "idle":
                 total[phase] = total.get(phase, 0.0) + end - start
         return total
+
+    def spans_s(self) -> list[tuple[float, float, str]]:
+        """(begin, end, phase) in order, the last to the end of the record."""
+        begins = [t for t, _, _ in self.phases]
+        ends = [*begins[1:], max([self.end_s, *begins[-1:]])]
+        return [(begin, end, phase) for begin, end, (_, phase, _) in zip(begins, ends, self.phases, strict=False)]
 
     def window_s(self) -> tuple[float, float]:
         """From the first phase that is not idle to the end of the flying."""
@@ -77,40 +83,48 @@ class Flight:
 
 def collect_flight(items: Iterable[Recorded]) -> Flight:
     """Gather a record's items into arrays; images and unknown topics are left out."""
-    rows: dict[str, list[Any]] = {}
-    phases: list[tuple[float, str, str]] = []
-    texts: list[tuple[float, str]] = []
+    rows: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+    flight = Flight()
+    phases = flight.phases
     for topic, t_s, _, message in items:
         if isinstance(message, Frame):
             continue
-        if topic == "reports":
-            if not phases or phases[-1][1] != message["phase"] or phases[-1][2] != message["reason"]:
-                phases.append((t_s, message["phase"], message["reason"]))
-        elif topic == "texts":
-            texts.append((t_s, message["text"]))
-        elif topic in ("vehicle", "detections", "fixes", "turns"):
-            rows.setdefault(topic, []).append((t_s, message))
-    flight = Flight(phases=phases, texts=texts)
-    if vehicle := rows.get("vehicle"):
-        flight.vehicle_t_s = np.array([t for t, _ in vehicle])
-        flight.vehicle_pos_ned_m = np.array([m["pos_ned_m"] for _, m in vehicle], dtype=np.float64)
-        flight.vehicle_vel_ned_m_s = np.array([m["vel_ned_m_s"] for _, m in vehicle], dtype=np.float64)
-    if detections := rows.get("detections"):
-        flight.detection_t_s = np.array([t for t, _ in detections])
-        flight.detected = np.array([float(bool(m["contours"])) for _, m in detections])
-        flight.detection_ms = np.array([1e3 * m["elapsed_s"] for _, m in detections])
-    if fixes := rows.get("fixes"):
-        flight.fix_t_s = np.array([t for t, _ in fixes])
-        relative = np.array([m["pad_from_vehicle_ned_m"] for _, m in fixes], dtype=np.float64)
-        flight.fix_height_m = relative[:, 2]
-        flight.fix_horizontal_m = np.hypot(relative[:, 0], relative[:, 1])
-    if turns := rows.get("turns"):
-        flight.turn_t_s = np.array([t for t, _ in turns])
-        flight.turn_period_s = np.array([m["period_s"] for _, m in turns])
-        touching = [bool(m["status"] and m["status"]["contact"]) for _, m in turns]
-        begun = [t for (t, _), now, before in zip(turns, touching, [False, *touching], strict=False) if now > before]
-        flight.contact_s = begun[-1] if begun else None
-        flight.turn_sent = np.array([float(m["setpoint"] is not None) for _, m in turns])
-        latencies = [m["fix_latency_s"] for _, m in turns if m["fix_latency_s"] is not None]
-        flight.latency_s = np.array(latencies)
+        match topic:
+            case "reports":
+                if not phases or phases[-1][1] != message["phase"] or phases[-1][2] != message["reason"]:
+                    phases.append((t_s, message["phase"], message["reason"]))
+            case "texts":
+                flight.texts.append((t_s, message["text"]))
+            case "vehicle":
+                rows[topic].extend(map(_number, (t_s, *message["pos_ned_m"], *message["vel_ned_m_s"])))
+            case "detections":
+                rows[topic].extend((t_s, bool(message["contours"]), 1e3 * _number(message["elapsed_s"])))
+            case "fixes":
+                rows[topic].extend(map(_number, (t_s, *message["pad_from_vehicle_ned_m"])))
+            case "turns":
+                rows[topic].extend((t_s, _number(message["period_s"]), message["setpoint"] is not None))
+                if message["fix_latency_s"] is not None:
+                    rows["latencies"].append(message["fix_latency_s"])
+            case _:
+                pass
+
+    def table(name: str, columns: int) -> Array:
+        return np.array(rows[name], dtype=np.float64).reshape(-1, columns)
+
+    vehicle, fixes = table("vehicle", 7), table("fixes", 4)
+    flight.vehicle_t_s, flight.vehicle_pos_ned_m, flight.vehicle_vel_ned_m_s = (
+        vehicle[:, 0],
+        vehicle[:, 1:4],
+        vehicle[:, 4:],
+    )
+    flight.detection_t_s, flight.detected, flight.detection_ms = table("detections", 3).T
+    flight.fix_t_s, flight.fix_height_m = fixes[:, 0], fixes[:, 3]
+    flight.fix_horizontal_m = np.hypot(fixes[:, 1], fixes[:, 2])
+    flight.turn_t_s, flight.turn_period_s, flight.turn_sent = table("turns", 3).T
+    flight.latency_s = table("latencies", 1)[:, 0]
     return flight
+
+
+def _number(value: float | None) -> float:
+    """NaN is null in a record."""
+    return np.nan if value is None else value

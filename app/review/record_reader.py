@@ -43,8 +43,12 @@ class Recorded(NamedTuple):
     message: dict[str, Any] | Frame
 
 
-def read_record(path: Path) -> Iterator[Recorded]:
+def read_record(path: Path, *, images: bool = True) -> Iterator[Recorded]:
     """The messages of a flight record.
+
+    Args:
+        path: Of the record.
+        images: Frames too; they are most of a record, and of the time that it takes to read one.
 
     Raises:
         RecorderError: There is no such file, it is no MCAP file, or it is damaged before its end.
@@ -58,14 +62,14 @@ def read_record(path: Path) -> Iterator[Recorded]:
             raise RecorderError(f"{path}: not an MCAP file", "give a flight record (.mcap)")
         stream.seek(0)
         try:
-            yield from _messages(StreamReader(stream, validate_crcs=True))
+            yield from _messages(StreamReader(stream, validate_crcs=True), images)
         except (McapError, ZstdError, struct.error, ValueError, KeyError) as fault:
             if stream.read(1) == b"":
                 return  # cut off in the middle of what its writer wrote last
             raise RecorderError(f"{path}: damaged ({fault})", "give another record") from None
 
 
-def _messages(reader: StreamReader) -> Iterator[Recorded]:
+def _messages(reader: StreamReader, images: bool) -> Iterator[Recorded]:
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     for record in reader.records:
@@ -75,10 +79,11 @@ def _messages(reader: StreamReader) -> Iterator[Recorded]:
             channels[record.id] = (record.topic, schemas[record.schema_id])
         elif isinstance(record, Message):
             topic, schema = channels[record.channel_id]
-            fields = json.loads(record.data)
             if schema == _FRAME_SCHEMA_NAME:
-                yield Recorded(topic, record.log_time / 1e9, "Frame", _frame(fields))
+                if images:
+                    yield Recorded(topic, record.log_time / 1e9, "Frame", _frame(json.loads(record.data)))
             else:
+                fields = json.loads(record.data)
                 yield Recorded(topic, record.log_time / 1e9, schema.rpartition(".")[2], fields)
 
 

@@ -12,6 +12,9 @@ from app.errors import RecorderError
 from app.frames import Array
 from app.review.flight import Flight
 
+RESTING = frozenset({"idle", "hold"})
+"""Phases in which nothing is under way."""
+
 
 def read_truth(path: Path) -> list[dict[str, Any]]:
     """The lines of a simulator's log of the truth; a last line that was cut off is left out.
@@ -37,45 +40,46 @@ def _percentiles(values: Array, *names: str) -> dict[str, float | None]:
     return {name: (float(np.percentile(values, float(name[1:]))) if len(values) else None) for name in names}
 
 
-def _touchdown(truth: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """The contact that ended the flight: the last touchdown before the motors stopped."""
-    touchdowns = [line for line in truth if line["kind"] == "touchdown"]
-    return touchdowns[-1] if touchdowns else None
-
-
 def _last(truth: list[dict[str, Any]], kind: str) -> dict[str, Any] | None:
     found = [line for line in truth if line["kind"] == kind]
     return found[-1] if found else None
 
 
-def _outcome(flight: Flight, truth: list[dict[str, Any]]) -> tuple[str, str]:
-    """("landed" | "crashed" | "missed the pad" | the phase it ended in, why)."""
+def _outcome(flight: Flight, truth: list[dict[str, Any]], ended: str) -> tuple[str, str]:
+    """("landed" | "crashed" | "missed the pad" | how it was cut short | the phase it ended in, why)."""
     crash = _last(truth, "crash")
     if crash is not None:
         return "crashed", str(crash["detail"])
-    phase, reason = (flight.phases[-1][1], flight.phases[-1][2]) if flight.phases else ("not flown", "")
+    if not flight.phases:
+        return "not flown", ""
+    _, phase, reason = flight.phases[-1]
     landed = [entry for entry in flight.phases if entry[1] == "landed"]
     if not landed:
-        return phase, reason
-    start = _last(truth, "start")
+        cut_short = ended != "over" and phase not in RESTING
+        return (ended, f"in {phase}: {reason}") if cut_short else (phase, reason)
+    start, touchdown, rest = _last(truth, "start"), _last(truth, "touchdown"), _last(truth, "rest")
     # Under PX4's own simulator the ground stands still: a vehicle that landed on a moving pad is left behind by it.
-    where = _touchdown(truth) if start is not None and start["vehicle"] == "px4" else _last(truth, "rest")
+    where = touchdown if start is not None and start["vehicle"] == "px4" else rest or touchdown
     if where is not None and not where["on_deck"]:
         return "missed the pad", f"came down {where['error_m']:.2f} m from its centre"
     return "landed", landed[-1][2]
 
 
-def summarise(name: str, flight: Flight, truth: list[dict[str, Any]], **more: Any) -> dict[str, Any]:
+def summarise(
+    name: str, flight: Flight, truth: list[dict[str, Any]], *, ended: str = "over", **more: Any
+) -> dict[str, Any]:
     """One experiment's entry of result.json.
 
     Args:
         name: Of the experiment.
         flight: What was recorded.
         truth: The simulator's log, read after the flight; empty for a flight in the real world.
+        ended: "over", or what cut the flying short: the outcome of a flight that was under way then.
         more: Further figures to carry along.
     """
-    outcome, reason = _outcome(flight, truth)
-    touchdown, rest = _touchdown(truth), _last(truth, "rest")
+    outcome, reason = _outcome(flight, truth, ended)
+    # A contact counts as a touchdown again only after a climb, so the last one is the one that ended the flight.
+    touchdown, rest = _last(truth, "touchdown"), _last(truth, "rest")
     start_s, end_s = flight.window_s()
     within = (flight.turn_t_s >= start_s) & (flight.turn_t_s <= end_s) & (flight.turn_sent > 0)
     tracked = _tracked(flight)

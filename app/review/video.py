@@ -46,13 +46,15 @@ def detection_of(fields: dict[str, Any]) -> Detection:
 def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None:
     """Write an MP4 of a flight's frames with the detections of those frames, the phase, height and distance.
 
+    A record without frames gets none.
+
     Raises:
         RecorderError: The record can't be read, or the video can't be written.
     """
     detections: dict[int, Detection] = {}
     reports: list[tuple[float, str]] = []
     fixes: dict[float, tuple[float, float]] = {}
-    for topic, t_s, _, message in read_record(record):
+    for topic, t_s, _, message in read_record(record, images=False):
         if isinstance(message, Frame):
             continue
         if topic == "detections":
@@ -63,20 +65,26 @@ def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None
             north, east, down = message["pad_from_vehicle_ned_m"]
             fixes[message["t_capture_s"]] = (down, float(np.hypot(north, east)))
     times = [t for t, _ in reports]
-    width, height = lens.size_px
-    writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*"mp4v"), FRAME_RATE_HZ, (width, height))
-    if not writer.isOpened():
-        raise RecorderError(f"{out}: the video can't be written", "give a folder that can be written")
+    writer: cv2.VideoWriter | None = None
     try:
         for _, t_s, _, frame in read_record(record):
             if not isinstance(frame, Frame):
                 continue
+            writer = writer or _open_video(out, lens.size_px)
             at = bisect_right(times, t_s) - 1
             phase = reports[at][1] if at >= 0 else ""
             detection = detections.get(frame.sequence) or Detection(frame.t_capture_s, frame.sequence)
             writer.write(_draw(frame, detection, fixes.get(frame.t_capture_s), phase, lens, landmark))
     finally:
-        writer.release()
+        if writer is not None:
+            writer.release()
+
+
+def _open_video(out: Path, size_px: tuple[int, int]) -> cv2.VideoWriter:
+    writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*"mp4v"), FRAME_RATE_HZ, size_px)
+    if not writer.isOpened():
+        raise RecorderError(f"{out}: the video can't be written", "give a folder that can be written")
+    return writer
 
 
 def _draw(

@@ -70,6 +70,7 @@ class SimulatorProcess:
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # a terminal's Ctrl-C is for the application, whose last orders need a vehicle
         )
         assert self._process.stdout is not None and self._process.stderr is not None
         self._errors = asyncio.create_task(self._process.stderr.read())
