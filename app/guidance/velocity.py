@@ -23,10 +23,10 @@ from app.messages import Goal, GoalKind, GuidanceStatus, PadTrack, Setpoint, Veh
 
 HEIGHT_GAIN_1_S = 0.8
 """Vertical position law; PX4's vertical velocity loop is three times faster than its horizontal one."""
-FEED_FORWARD_TAU_S = 0.10
+FEED_FORWARD_TAU_S = 0.20
 """The commanded velocity is differentiated through this low-pass: vision's noise must not shake the vehicle."""
 HEIGHT_REACHED_M = 0.3
-TRIM_REACH_M = 1.0
+TRIM_REACH_M = 0.3
 """The trim learns only this near to the pad: farther off the speed limit, not a disturbance, makes the error."""
 YAW_DEADBAND_RAD = math.radians(2.0)
 GAP_MAX_S = 0.5
