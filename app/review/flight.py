@@ -85,7 +85,7 @@ def collect_flight(items: Iterable[Recorded]) -> Flight:
     """Gather a record's items into arrays; images and unknown topics are left out."""
     rows: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
     flight = Flight()
-    phases = flight.phases
+    phases, touched = flight.phases, False
     for topic, t_s, _, message in items:
         if isinstance(message, Frame):
             continue
@@ -103,6 +103,10 @@ def collect_flight(items: Iterable[Recorded]) -> Flight:
                 rows[topic].extend(map(_number, (t_s, *message["pad_from_vehicle_ned_m"])))
             case "turns":
                 rows[topic].extend((t_s, _number(message["period_s"]), message["setpoint"] is not None))
+                touches = message["status"] is not None and message["status"]["contact"]
+                if touches and not touched:
+                    flight.contact_s = t_s
+                touched = touches
                 if message["fix_latency_s"] is not None:
                     rows["latencies"].append(message["fix_latency_s"])
             case _:

@@ -56,7 +56,7 @@ def _outcome(flight: Flight, truth: list[dict[str, Any]], ended: str) -> tuple[s
     landed = [entry for entry in flight.phases if entry[1] == "landed"]
     if not landed:
         cut_short = ended != "over" and phase not in RESTING
-        return (ended, f"in {phase}: {reason}") if cut_short else (phase, reason)
+        return (ended, reason) if cut_short else (phase, reason)
     start, touchdown, rest = _last(truth, "start"), _last(truth, "touchdown"), _last(truth, "rest")
     # Under PX4's own simulator the ground stands still: a vehicle that landed on a moving pad is left behind by it.
     where = touchdown if start is not None and start["vehicle"] == "px4" else rest or touchdown
