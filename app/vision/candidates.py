@@ -15,7 +15,16 @@ from app.vision.align import align
 from app.vision.camera_model import Lens
 from app.vision.contours import Nest
 from app.vision.edges import Sides, measure_sides
-from app.vision.evidence import Judgement, Patch, check_heading, check_judgement, check_rectified, judge, rectify
+from app.vision.evidence import (
+    Judgement,
+    Patch,
+    check_final,
+    check_heading,
+    check_judgement,
+    check_rectified,
+    judge,
+    rectify,
+)
 from app.vision.fit import Fit, apply, fit_corners, fit_run, project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.preprocess import Prepared
@@ -193,13 +202,18 @@ def confirm(nest: Nest, reading: Alignment, bench: Bench) -> Found | Rejection:
     settled = _settle_heading(fits, first + count - 1, scale_px, bench)
     if isinstance(settled, Rejection):
         return settled
-    fit, judgement, patch = settled
+    fit, _, patch = settled
     run = range(first, first + count)
     if scale_px * geometry.size_m >= SMALL_PX:
         measured = _measured(fit, run, scale_px, bench)
         if isinstance(measured, Rejection):
             return measured
         fit, run = measured
+        patch = rectify(bench.prepared, fit, geometry, lens, scale_px, bench.sigma_px)
+    judgement = judge(patch, run[-1], geometry)
+    refused = check_final(judgement, scale_px * geometry.size_m < SMALL_PX)
+    if refused is not None:
+        return refused
     innermost = _seen_inside(patch, run[-1], scale_px, geometry)
     run = range(run[0], innermost + 1)
     fit = _with_fitted(fit, run, geometry, keep=scale_px * geometry.size_m >= SMALL_PX)
@@ -247,8 +261,8 @@ def _measured(fit: Fit, run: range, scale_px: float, bench: Bench) -> tuple[Fit,
         if better is None:
             return Rejection(Refusal.SHAPE, "its corners don't span a plane")
         final = better
-        # From inner contours alone an outer one may first have been sought too far off: look again, if it is in view.
-        if first == 0 or not _in_view(final, first - 1, bench):
+        # From inner contours alone an outer one was sought too far off: look again, if it is in view at all.
+        if first == 0 or (run[0] == first and not _in_view(final, first - 1, bench)):
             break
     limit = AGREES_PX + AGREES_PART * float(geometry.sides_m[run[0]]) * scale_px
     if final.residual_px > limit:
