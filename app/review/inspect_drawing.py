@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 
 from app.errors import ImageError
-from app.estimation.pose import cam_from_pad
 from app.frames import Array
 from app.landmark import Landmark
 from app.messages import CameraPose, Detection, Image
-from app.review.overlay import draw_overlay
+from app.review.overlay import draw_line, draw_overlay
 from app.vision.camera_model import Lens
 from app.vision.detector import Attempt
 
@@ -25,7 +24,6 @@ WHITE, GREY, GREEN, AMBER, RED = (
     (60, 170, 255),
     (90, 90, 255),
 )
-AXES: tuple[tuple[str, Colour], ...] = (("x", (80, 80, 255)), ("y", (90, 220, 90)), ("z", (255, 150, 80)))
 BACKGROUND = (32, 28, 26)
 SHOWN_REFUSED = 5
 """Refused candidates that are drawn and explained: those that came nearest."""
@@ -36,27 +34,6 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 def _text(canvas: Image, text: str, at: tuple[int, int], colour: Colour, size: float = 0.45) -> None:
     cv2.putText(canvas, text, at, FONT, size, colour, 1, cv2.LINE_AA)
-
-
-def _closed(canvas: Image, points_px: Array, colour: Colour) -> None:
-    if np.isfinite(points_px).all() and len(points_px) > 1:
-        whole = np.round(np.clip(points_px, -2e4, 2e4) * 16).astype(np.int32)
-        cv2.polylines(canvas, [whole], True, colour, 1, cv2.LINE_AA, 4)
-
-
-def _draw_axes(canvas: Image, pose: CameraPose, landmark: Landmark, lens: Lens) -> None:
-    """The pad's axes: x forward, y right, z down (into the ground, drawn half as long)."""
-    length = 0.5 * landmark.size_m
-    tips = np.diag([length, length, -0.5 * length])
-    px, seen = lens.project(cam_from_pad(pose).apply(np.vstack([np.zeros(3), tips])))
-    if not seen.all() or np.abs(px).max() > 2e4:
-        return
-    origin = tuple(int(v) for v in np.round(px[0]))
-    for tip, (name, colour) in zip(px[1:], AXES, strict=True):
-        end = tuple(int(v) for v in np.round(tip))
-        cv2.line(canvas, origin, end, colour, 2, cv2.LINE_AA)
-        label = name if name != "z" else "-z"
-        _text(canvas, label, (end[0] + 4, end[1] + 4), colour)
 
 
 def _refused(attempt: Attempt) -> list[tuple[tuple[Array, ...], str]]:
@@ -131,7 +108,7 @@ def draw_inspected(
     if attempt is not None:
         for k, (outlines, text) in enumerate(_refused(attempt)):
             for outline in outlines:
-                _closed(canvas, outline, AMBER)
+                draw_line(canvas, outline, AMBER)
             if np.isfinite(outlines[0]).all():
                 corner = outlines[0].max(axis=0)
                 _text(canvas, str(k + 1), (int(corner[0]) + 2, int(corner[1]) + 10), AMBER)
@@ -141,8 +118,6 @@ def draw_inspected(
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
         small = cv2.resize(255 - attempt.binary, size, interpolation=cv2.INTER_AREA)
         thumbnail = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    if pose is not None:
-        _draw_axes(canvas, pose, landmark, lens)
     return _with_caption(canvas, _lines(detection, pose, reason, words), thumbnail)
 
 

@@ -14,7 +14,13 @@ from app.vision.camera_model import Lens
 
 COLOURS = ((60, 200, 255), (80, 220, 120), (255, 170, 60), (220, 110, 230), (90, 90, 255), (200, 200, 60))
 """BGR, one a contour, outermost first, again from the first after the last."""
-FORWARD, REFUSED, PAPER = (80, 80, 255), (90, 120, 255), (255, 255, 255)
+REFUSED, PAPER = (90, 120, 255), (255, 255, 255)
+AXES = (
+    ("x", (1.0, 0.0, 0.0), (80, 80, 255)),
+    ("y", (0.0, 1.0, 0.0), (90, 220, 90)),
+    ("-z", (0, 0, -0.5), (255, 150, 80)),
+)
+"""Of the pad frame: forward, right, and up, which is drawn half as long."""
 POINTS_A_SIDE = 12
 """Sides are drawn through the lens, so that they bend as the image's do."""
 SUBPIXEL_BITS = 4
@@ -25,22 +31,36 @@ def to_colour(image: Image) -> Image:
     return image.copy() if image.ndim == 3 else np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
-def _polyline(canvas: Image, points_px: Array, colour: tuple[int, int, int], closed: bool, width: int) -> None:
-    whole: NDArray[np.int32] = np.round(points_px * (1 << SUBPIXEL_BITS)).astype(np.int32)
-    cv2.polylines(canvas, [whole], closed, colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
+def draw_line(
+    canvas: Image, points_px: Array, colour: tuple[int, int, int], *, closed: bool = True, width: int = 1
+) -> None:
+    """Draw a line through points (n, 2), closed or not; points that are not known draw nothing."""
+    if len(points_px) > 1 and np.isfinite(points_px).all():
+        whole: NDArray[np.int32] = np.round(np.clip(points_px, -2e4, 2e4) * (1 << SUBPIXEL_BITS)).astype(np.int32)
+        cv2.polylines(canvas, [whole], closed, colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _through_lens(corners_m: Array, pose: Transform, lens: Lens, closed: bool) -> Array:
-    """(n, 2) pixels of a polygon of the pad's plane (n, 2), its sides cut into short pieces."""
+    """(n, 2) pixels of a line through points of the pad frame (n, 3), its sides cut into short pieces."""
     ends = np.roll(corners_m, -1, axis=0) if closed else corners_m[1:]
     starts = corners_m if closed else corners_m[:-1]
     part = np.linspace(0.0, 1.0, POINTS_A_SIDE, endpoint=False)[None, :, None]
-    flat = (starts[:, None, :] * (1 - part) + ends[:, None, :] * part).reshape(-1, 2)
+    points = (starts[:, None, :] * (1 - part) + ends[:, None, :] * part).reshape(-1, 3)
     if not closed:
-        flat = np.vstack([flat, corners_m[-1]])
-    px, valid = lens.project(pose.apply(np.column_stack([flat, np.zeros(len(flat))])))
+        points = np.vstack([points, corners_m[-1]])
+    px, valid = lens.project(pose.apply(points))
     inside: Array = px[valid & (np.abs(px) < 4096).all(axis=1)]
     return inside
+
+
+def _draw_axes(canvas: Image, transform: Transform, lens: Lens, landmark: Landmark) -> None:
+    for name, direction, colour in AXES:
+        tip = 0.5 * landmark.size_m * np.array(direction)
+        line = _through_lens(np.vstack([np.zeros(3), tip]), transform, lens, closed=False)
+        draw_line(canvas, line, colour, closed=False, width=2)
+        if len(line):
+            at = (round(float(line[-1, 0])) + 4, round(float(line[-1, 1])) + 4)
+            cv2.putText(canvas, name, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
 
 
 def draw_overlay(image: Image, detection: Detection, pose: CameraPose | None, lens: Lens, landmark: Landmark) -> Image:
@@ -49,7 +69,7 @@ def draw_overlay(image: Image, detection: Detection, pose: CameraPose | None, le
     Args:
         image: (h, w) grey or (h, w, 3) BGR, of the lens's size.
         detection: Of this image.
-        pose: Of the landmark, where known: its drawing is laid over the image, and an arrow to its front.
+        pose: Of the landmark, where known: its drawing is laid over the image, and its axes.
         lens: Of the camera.
         landmark: What was looked for.
 
@@ -60,13 +80,13 @@ def draw_overlay(image: Image, detection: Detection, pose: CameraPose | None, le
     if pose is not None:
         transform = cam_from_pad(pose)
         for contour in landmark.contours:
-            _polyline(canvas, _through_lens(contour.corners_m, transform, lens, True), PAPER, True, 1)
-        arrow = np.array([[0.0, 0.0], [0.5 * landmark.size_m, 0.0]])
-        _polyline(canvas, _through_lens(arrow, transform, lens, False), FORWARD, False, 2)
+            flat = np.column_stack([contour.corners_m, np.zeros(len(contour.corners_m))])
+            draw_line(canvas, _through_lens(flat, transform, lens, closed=True), PAPER)
+        _draw_axes(canvas, transform, lens, landmark)
     for seen in detection.contours:
         colour = COLOURS[seen.index % len(COLOURS)]
         if pose is None:
-            _polyline(canvas, seen.corners_px, colour, True, 2)
+            draw_line(canvas, seen.corners_px, colour, width=2)
         for u, v in seen.corners_px:
             centre = (round(float(u) * (1 << SUBPIXEL_BITS)), round(float(v) * (1 << SUBPIXEL_BITS)))
             cv2.circle(canvas, centre, 4 << SUBPIXEL_BITS, colour, 1, cv2.LINE_AA, SUBPIXEL_BITS)
