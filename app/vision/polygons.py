@@ -20,7 +20,7 @@ from app.vision.camera_model import Lens, tangent_basis
 from app.vision.preprocess import Prepared
 from app.vision.refusal import Refusal, Rejection
 
-MAX_POINTS = 100
+MAX_POINTS = 160
 """Points of a contour that are used for its polygon."""
 TOLERANCES = (0.035, 0.055, 0.08)
 """Douglas-Peucker tolerance over perimeter, tried in this order until three or four corners are left. A square's side
