@@ -13,6 +13,7 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # decoders: what they would print is said by our errors
     from app.cli import cli  # a broken installation must not hide behind an import at start
 
     code: object = 0

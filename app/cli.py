@@ -86,12 +86,13 @@ def phone(
     action: Annotated[PhoneAction, typer.Argument(help="What to ask for.")],
     height: Annotated[float | None, typer.Option(min=0.5, max=50, help="Height over the pad to track at, m.")] = None,
     address: Annotated[str, typer.Option(help="The rig's operator address.")] = "udpin://127.0.0.1:14590",
+    silence: Annotated[float, typer.Option(min=0.5, max=600, help="Longest silence to wait through, s.")] = 5.0,
 ) -> None:
     """Command Alight as a phone does: COMMAND_LONG 31010 from a ground station of its own."""
     from app.wiring import PhoneProgress, PhoneResult, PhoneText, tell
 
     result: CommandResult | None = None
-    for event in tell(address, OperatorAction[action.name], height):
+    for event in tell(address, OperatorAction[action.name], height, silence):
         match event:
             case PhoneProgress(percent):
                 typer.echo(f"in progress: {percent}%")

@@ -227,13 +227,13 @@ def build_simulator(rig: Rig, *, frames: Path, truth: Path | None) -> SimulatorP
     return SimulatorProcess(rig.path, frames, truth, world=rig.config.simulator, companion=companion)
 
 
-def tell(address: str, action: OperatorAction, height_m: float | None) -> Iterator[PhoneEvent]:
-    """Give an order as the phone, and what comes back.
+def tell(address: str, action: OperatorAction, height_m: float | None, silence_s: float) -> Iterator[PhoneEvent]:
+    """Give an order as the phone, and what comes back; silence_s is the longest silence to wait through.
 
     Raises:
         OperatorError: Nobody answers.
     """
-    return send_command(address, action, height_m)
+    return send_command(address, action, height_m, timeout_s=silence_s)
 
 
 def inspect_files(
