@@ -7,6 +7,7 @@ and counted. The file is flushed twice a second, so that what a crash costs is h
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import queue
 import threading
 import time
@@ -134,7 +135,8 @@ class McapRecorder:
             self._failed = True
             _log.error("record.failed", path=str(self.path), fault=fault.strerror)
         finally:
-            stream.close()
+            with contextlib.suppress(OSError):  # a full disk is full for what still waits, too
+                stream.close()
 
     def _write_all(self, writer: Any) -> None:
         flush_s = time.monotonic() + FLUSH_S

@@ -204,6 +204,13 @@ async def test_record_in_a_place_that_cannot_be_written_is_refused(tmp_path: Pat
             pass
 
 
+async def test_record_on_a_full_disk_is_given_up_and_what_follows_is_dropped() -> None:
+    frames = [("frames", float(k), frame(float(k), k)) for k in range(16)]
+    recorder = await written(Path("/dev/full"), *frames, jpeg_quality=100)
+    recorder.write("vehicle", 99.0, state())
+    assert recorder.dropped > 0
+
+
 def test_record_path_is_named_for_the_time_and_sorts_by_it(tmp_path: Path) -> None:
     path = record_path(tmp_path)
     assert path.parent == tmp_path
