@@ -29,7 +29,7 @@ def flight():
         fix_t_s=np.array([103.0]),
         fix_height_m=np.array([2.8]),
         fix_horizontal_m=np.array([5.0]),
-        phases=[(t, phase, "") for t, phase in names.items()],
+        phases=[(t, phase, "") for t, phase in phases],
     )
 
 
