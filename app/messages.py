@@ -496,7 +496,7 @@ class ControlTurn:
 
     Attributes:
         t_s: When the setpoint was sent.
-        period_s: Since the turn before.
+        period_s: From the start of the turn before to the start of this one.
         setpoint: What was sent; None if nothing was.
         fix_latency_s: From the exposure of the frame behind the newest fix to this setpoint; only in the first turn
             that uses that fix.

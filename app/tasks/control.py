@@ -78,8 +78,8 @@ async def run_control(
             latency_s = sent_s - last_fix_s
         if status is not None:
             statuses.publish(status)
-        turns.publish(ControlTurn(sent_s, sent_s - previous_s, setpoint, latency_s, status))
-        previous_s = sent_s
+        turns.publish(ControlTurn(sent_s, now_s - previous_s, setpoint, latency_s, status))
+        previous_s = now_s
         alive()
 
 
