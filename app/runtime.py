@@ -37,6 +37,7 @@ from app.messages import (
     OperatorText,
     PadFix,
     PadTrack,
+    Phase,
     VehicleState,
 )
 from app.ports import Autopilot, Camera, OperatorLink, Recorder
@@ -270,7 +271,15 @@ class Application:
             self.commands,
         )
         others = tuple(Recorded(topic.name, topic.subscribe_window(256)) for topic in topics)
-        return (Recorded(self.frames.name, self.frames.subscribe_window(8)), *others)
+        vehicle = self.vehicle.subscribe()
+
+        def flying() -> bool:
+            """Images are most of a record: a drone that waits on its pad for a day must not fill the card."""
+            report = self._last_report.newest
+            in_mission = report is not None and report.phase not in (Phase.IDLE, Phase.LANDED)
+            return in_mission or (vehicle.newest is not None and vehicle.newest.armed)
+
+        return (Recorded(self.frames.name, self.frames.subscribe_window(8), flying), *others)
 
     async def _camera(self) -> None:
         async with AsyncExitStack() as stack:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +19,12 @@ class Recorded:
     Attributes:
         topic: Its name there.
         items: Where its messages come from; what a full window pushes out is missing in the record, nothing else.
+        wanted: Whether a message is worth its space now.
     """
 
     topic: str
     items: Window[Any]
+    wanted: Callable[[], bool] = lambda: True
 
 
 async def run_recorder(*, recorder: Recorder, recorded: tuple[Recorded, ...], clock: Clock) -> None:
@@ -34,7 +37,8 @@ async def run_recorder(*, recorder: Recorder, recorded: tuple[Recorded, ...], cl
 async def _record(recorder: Recorder, source: Recorded, clock: Clock) -> None:
     while True:
         message = await source.items.get()
-        recorder.write(source.topic, _time_s(message, clock), message)
+        if source.wanted():
+            recorder.write(source.topic, _time_s(message, clock), message)
 
 
 def _time_s(message: Any, clock: Clock) -> float:
