@@ -93,8 +93,8 @@ class CameraConfig(Section):
         default=0.0, ge=0.0, le=100.0, description="picamera2: rolling shutter, first row to last; 0 for a global one"
     )
     mount_yaw_deg: float = Field(default=0.0, ge=-180, le=180, description="0: image top is forward; 90: right")
-    mount_pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks forward of down")
-    mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: the camera looks left of down")
+    mount_pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: tilted to its image's top")
+    mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: tilted to its image's left")
     position_body_m: Vector = Field(default=(0.0, 0.0, 0.05), description="forward, right, down of the body origin")
     latency_s: float = Field(default=0.0, ge=0.0, le=1.0, description="subtracted from arrival where no sensor time is")
 
