@@ -22,11 +22,12 @@ RESULT = "result.json"
 
 @contextmanager
 def own_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder, and keep every other Alight out of it; one that is still empty in the end is taken away again.
+    """Make a folder, and keep every other Alight out of it; one that it made and left empty is taken away again.
 
     Raises:
         AlightError: It can't be made or written, or another Alight is writing there.
     """
+    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -44,8 +45,9 @@ def own_folder(folder: Path) -> Iterator[Path]:
         yield folder
     finally:
         os.close(handle)
-        with suppress(OSError):
-            folder.rmdir()
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 def files_of(plan: Plan) -> list[Path]:

@@ -108,3 +108,9 @@ def test_failed_flight_tells_as_much_as_its_truth_holds(tmp_path):
     (tmp_path / "truth.jsonl").write_text('{"kind": "start", "seed": 5, "vehicle": "built-in"}\n')
     entry = failed(plan(tmp_path), AlightError("the link was lost", "look"))
     assert (entry["outcome"], entry["reason"], entry["seed"]) == ("failed", "the link was lost; look", 5)
+
+
+def test_own_folder_that_was_there_before_stays_though_empty(tmp_path):
+    with own_folder(tmp_path):
+        pass
+    assert tmp_path.is_dir()
