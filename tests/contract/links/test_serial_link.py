@@ -77,7 +77,11 @@ class SerialCable:
 @pytest.fixture
 def cable(tmp_path: Path) -> Iterator[SerialCable]:
     cable = SerialCable(tmp_path / "ttyPX4")
-    cable.plug_in()
+    try:
+        cable.plug_in()
+    except OSError as fault:  # a bare container may have no devpts
+        cable.close()
+        pytest.skip(f"no pseudo-terminal can be opened on this machine ({fault.strerror})")
     yield cable
     cable.close()
 
