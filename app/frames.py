@@ -43,14 +43,6 @@ def rotation_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Ar
     return result
 
 
-def euler_from_rotation(rotation: Array) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) in radians of a (3, 3) ned_from_body; roll is 0 by convention at pitch +-90 degrees."""
-    pitch = math.asin(max(-1.0, min(1.0, -float(rotation[2, 0]))))
-    if abs(rotation[2, 0]) > 1.0 - 1e-12:
-        return 0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])
-    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
-
-
 def yaw_from_rotation(rotation: Array) -> float:
     """Heading in radians, clockwise from north, of the forward axis of a (3, 3) ned_from_x."""
     return math.atan2(rotation[1, 0], rotation[0, 0])

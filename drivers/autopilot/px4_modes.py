@@ -35,13 +35,3 @@ def mode_from_custom(custom_mode: int) -> FlightMode:
     if main == _AUTO:
         return _SUB_OF_AUTO.get(sub, FlightMode.OTHER)
     return _MAIN.get(main, FlightMode.OTHER)
-
-
-def custom_from_mode(mode: FlightMode) -> int:
-    """The `custom_mode` of a mode.
-
-    Raises:
-        KeyError: The mode is none that PX4 can be asked for.
-    """
-    main, sub = MAIN_SUB[mode]
-    return main << 16 | sub << 24

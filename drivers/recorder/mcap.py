@@ -34,11 +34,6 @@ _log = get_logger("recorder")
 _Item = tuple[str, float, Any]
 
 
-def record_path(directory: Path) -> Path:
-    """A new record's path in a directory, named for the time (UTC)."""
-    return directory / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}.mcap"
-
-
 class McapRecorder:
     """Writes messages to an MCAP file.
 

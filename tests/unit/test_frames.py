@@ -54,19 +54,6 @@ def test_body_from_cam_of_a_camera_looking_down_puts_image_top_forward(axis_cam,
     np.testing.assert_array_equal(frames.BODY_FROM_CAM_DOWN @ np.eye(3)[axis_cam], axis_body)
 
 
-@given(roll=angles, pitch=st.floats(-1.5, 1.5), yaw=angles)
-def test_euler_from_rotation_returns_the_angles_it_was_made_of(roll, pitch, yaw):
-    found = frames.euler_from_rotation(frames.rotation_from_euler(roll, pitch, yaw))
-    for got, asked in zip(found, (roll, pitch, yaw), strict=True):
-        assert frames.wrap_angle_rad(got - asked) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_euler_from_rotation_at_the_pole_puts_the_turn_into_yaw():
-    # Nose straight up, then rolled: only the sum of the two turns can be seen.
-    roll, pitch, yaw = frames.euler_from_rotation(frames.rotation_from_euler(0.0, HALF_PI, 0.7))
-    assert (roll, pitch, yaw) == pytest.approx((0.0, HALF_PI, 0.7))
-
-
 @given(yaw=angles)
 def test_yaw_from_rotation_of_a_level_vehicle_is_its_heading(yaw):
     assert frames.wrap_angle_rad(frames.yaw_from_rotation(frames.rotation_from_yaw(yaw)) - yaw) == pytest.approx(

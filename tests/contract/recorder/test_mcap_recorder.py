@@ -19,7 +19,7 @@ from app.errors import RecorderError
 from app.messages import Detection, FlightMode, Frame, LandedState, SeenContour, VehicleState
 from app.ports import Recorder
 from app.review.record_reader import Recorded, read_record
-from drivers.recorder.mcap import McapRecorder, record_path
+from drivers.recorder.mcap import McapRecorder
 
 
 def state(t_s: float = 12.5) -> VehicleState:
@@ -209,13 +209,6 @@ async def test_record_on_a_full_disk_is_given_up_and_what_follows_is_dropped() -
     recorder = await written(Path("/dev/full"), *frames, jpeg_quality=100)
     recorder.write("vehicle", 99.0, state())
     assert recorder.dropped > 0
-
-
-def test_record_path_is_named_for_the_time_and_sorts_by_it(tmp_path: Path) -> None:
-    path = record_path(tmp_path)
-    assert path.parent == tmp_path
-    assert path.suffix == ".mcap"
-    assert len(path.stem) == len("2026-01-01T00-00-00Z")
 
 
 def test_recorded_unpacks_as_topic_time_kind_message() -> None:
