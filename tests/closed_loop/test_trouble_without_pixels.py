@@ -202,7 +202,7 @@ CAR = PadMotionConfig(
 )
 
 
-@pytest.mark.parametrize(("motion", "limit_m"), [(None, 0.15), (CAR, 0.20)])
+@pytest.mark.parametrize(("motion", "limit_m"), [(None, 0.10), (CAR, 0.20)])
 def test_landing_rests_on_the_pad(motion, limit_m):
     """This eye is blind below 25 cm and noisier than the camera: what the camera reaches is held to with pixels."""
     flight = fly(lambda f: f.to_its_end(Op.LAND), motion)
@@ -249,7 +249,7 @@ def test_pad_that_is_hidden_above_the_commit_is_searched_for_and_landed_on():
 
     flight = fly(script)
     assert flight.phases[5:8] == [P.LAND, P.SEARCH, P.HOVER]
-    assert flight.phases[-1] is P.LANDED and errors_m(flight)[0] < 0.15
+    assert flight.phases[-1] is P.LANDED and errors_m(flight)[0] < 0.10
 
 
 def test_link_that_is_cut_ends_the_mission_and_px4s_failsafe_is_not_ended_by_us():
