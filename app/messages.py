@@ -53,6 +53,28 @@ class SeenContour:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaneFit:
+    """The landmark's plane as it lies before the lens: one fit of the whole drawing to all that was seen of it.
+
+    It carries all that the image says of the pose, also where corners are covered or out of the image. Let
+    S = diag(unit_m, unit_m, 1) and W(d) = [[1 + d0, d1, d2], [d3, 1 + d4, d5], [d6, d7, 1]]. Then the true map is, up to
+    scale, rays_from_pad S W(d) S^-1 for a d of mean 0 and covariance information^-1.
+
+    Attributes:
+        rays_from_pad: (3, 3) takes (forward, right, 1) on the pad, metres, to a direction in the camera frame. Up to
+            scale it is [r1 r2 t] of the pose cam_from_pad.
+        information: (8, 8) inverse of the covariance of d.
+        unit_m: Length that d counts in.
+        residual_px: Root mean square of what the fit leaves, in pixels.
+    """
+
+    rays_from_pad: Array
+    information: Array
+    unit_m: float
+    residual_px: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Detection:
     """What the detector says of one frame.
 
@@ -66,6 +88,7 @@ class Detection:
         threshold: Grey level of the binarisation that was used.
         roi_px: (u0, v0, u1, v1) region that was searched, half open; None for the whole frame.
         elapsed_s: Processor time of the detection.
+        plane: The fit behind it; None if not detected.
     """
 
     t_capture_s: float
@@ -77,6 +100,7 @@ class Detection:
     threshold: int = 0
     roi_px: tuple[int, int, int, int] | None = None
     elapsed_s: float = 0.0
+    plane: PlaneFit | None = None
 
     @property
     def detected(self) -> bool:
