@@ -20,10 +20,10 @@ ifneq ($(call stale,$(DEV_STAMP)),)
 .PHONY: $(DEV_STAMP)
 endif
 
-.PHONY: help setup dev demo test sitl-test check lint types imports format deploy lock clean
+.PHONY: help setup dev demo test sitl-test bench-negatives check lint types imports format deploy lock clean
 
 help: ## this list
-	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(RUN_STAMP) ## .venv with all that Alight runs on, and .venv/bin/alight
 	@echo "alight: ready: $(BIN)/alight"
@@ -49,6 +49,10 @@ test: $(DEV_STAMP) ## the tests
 
 sitl-test: $(DEV_STAMP) ## the tests that fly a running PX4 SITL
 	@$(BIN)/python -m pytest -m sitl $(ARGS)
+
+bench-negatives: $(DEV_STAMP) ## count false detections in 10,000 frames without a landmark
+	@$(BIN)/python tests/bench/photos.py
+	@OMP_NUM_THREADS=1 $(BIN)/python tests/bench/negatives.py --count 10000 $(ARGS)
 
 check: lint types imports test ## all that CI runs
 
