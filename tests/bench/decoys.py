@@ -29,7 +29,7 @@ Poly = NDArray[np.float64]
 Shape = tuple[Poly, float]
 """Corners (n, 2) in print coordinates and the grey of the inside, 0 black to 1 white."""
 
-PRINT_PX = 640
+PRINT_PX = 512
 BLACK, WHITE = 0.06, 0.90
 MARGIN = 46.0 / 38.0
 """Side of the white board over the outer side: the landmark's own quiet zone."""
@@ -57,16 +57,14 @@ class Print:
     Attributes:
         kind: Its name.
         family: How near it comes.
-        reflectance: (PRINT_PX, PRINT_PX) 0..1.
-        alpha: The same size: where it covers the ground.
+        levels: (n, n, 2) uint8, n from PRINT_PX down by halves: alpha times reflectance, and alpha, of 255.
         span: Side of the picture in outer sides.
         least_side_px: Outer side from which an image tells it from the landmark (see `least_side_px`).
     """
 
     kind: str
     family: Family
-    reflectance: Plane
-    alpha: Plane
+    levels: tuple[NDArray[np.uint8], ...]
     span: float
     least_side_px: float
 
@@ -233,13 +231,23 @@ def least_side_px(reflectance: Plane, alpha: Plane, span: float) -> float:
     return math.inf
 
 
+def _levels(reflectance: Plane, alpha: Plane) -> tuple[NDArray[np.uint8], ...]:
+    level = np.dstack([reflectance * alpha, alpha]).astype(np.float32)
+    levels = []
+    while level.shape[0] > 10:
+        levels.append(np.asarray(level * 255 + 0.5, np.uint8))
+        n = level.shape[0] // 2
+        level = np.asarray(cv2.resize(level, (n, n), interpolation=cv2.INTER_AREA), np.float32)
+    return tuple(levels)
+
+
 def the_landmark() -> Print:
     """The landmark itself, drawn in the same way: what a sequence shows before the decoy takes its place."""
     reflectance, alpha, span = render(Drawing(nest(landmark_polygons())))
-    return Print("landmark", Family.NEAR, reflectance, alpha, span, 0.0)
+    return Print("landmark", Family.NEAR, _levels(reflectance, alpha), span, 0.0)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=1024)
 def make_print(name: str, variant: int) -> Print:
     """One print of a kind; the same for the same variant.
 
@@ -249,4 +257,4 @@ def make_print(name: str, variant: int) -> Print:
     family, maker = KINDS[name]
     source = np.random.default_rng((sum(map(ord, name)), len(name), variant))
     reflectance, alpha, span = render(maker(source))
-    return Print(name, family, reflectance, alpha, span, least_side_px(reflectance, alpha, span))
+    return Print(name, family, _levels(reflectance, alpha), span, least_side_px(reflectance, alpha, span))

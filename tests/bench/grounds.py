@@ -159,11 +159,12 @@ def _grain(size: int) -> Array:
     return np.asarray(1 + 0.06 * noise(np.random.default_rng(1), size, 0.6))
 
 
-def litter(rng: np.random.Generator, span: float, keep_clear: float, count: int) -> Texture:
+@lru_cache(maxsize=4)
+def litter(seed: int, span: float, keep_clear: float, count: int) -> Texture:
     """Things that lie about the board: rectangles, frames, stripes, stones, leaves, cables.
 
     Args:
-        rng: Where they come from.
+        seed: Of where and what they are.
         span: Side of the strewn square, in metres.
         keep_clear: They keep this far from the middle of the board, in metres, save for cables and stripes.
         count: How many.
@@ -171,6 +172,7 @@ def litter(rng: np.random.Generator, span: float, keep_clear: float, count: int)
     Returns:
         A texture of two channels, alpha and alpha times albedo, float32.
     """
+    rng = np.random.default_rng(seed)
     size = 1024
     per_m = size / span
     alpha: Array = np.zeros((size, size), np.float32)

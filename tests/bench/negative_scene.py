@@ -124,22 +124,6 @@ def texture(seen: Pose, name: str, variant: int, px_per_texel: float, source: np
     return picture
 
 
-_PYRAMIDS: dict[int, tuple[Print, list[Plane]]] = {}
-
-
-def _pyramid(drawn: Print) -> list[Plane]:
-    kept = _PYRAMIDS.get(id(drawn))
-    if kept is None:
-        level = np.dstack([drawn.reflectance * drawn.alpha, drawn.alpha]).astype(np.float32)
-        levels = [level]
-        while level.shape[0] > 10:
-            n = level.shape[0] // 2
-            level = np.asarray(cv2.resize(level, (n, n), interpolation=cv2.INTER_AREA), np.float32)
-            levels.append(level)
-        kept = _PYRAMIDS[id(drawn)] = (drawn, levels)
-    return kept[1]
-
-
 def lay(picture: Plane, seen: Pose, drawn: Print, place: Place) -> None:
     """Paint a print into a picture of reflectance, its edges averaged over each pixel."""
     rim = np.vstack(
@@ -159,16 +143,16 @@ def lay(picture: Plane, seen: Pose, drawn: Print, place: Place) -> None:
     along = fine[..., 0] * np.float32(c * per) + fine[..., 1] * np.float32(s * per)
     across = fine[..., 1] * np.float32(c * per) - fine[..., 0] * np.float32(s * per)
     step = PRINT_PX / (drawn.span * place.side_px * times)
-    levels = _pyramid(drawn)
-    level = levels[int(np.clip(math.log2(max(step, 1.0)), 0, len(levels) - 1))]
+    level = drawn.levels[int(np.clip(math.log2(max(step, 1.0)), 0, len(drawn.levels) - 1))]
     n = np.float32(level.shape[0])
     half = np.float32(0.5)
     x, y = (across + half) * n - half, (half - along) * n - half
     looked = cv2.remap(level, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
     looked = cv2.resize(looked, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
+    share = np.asarray(looked, np.float32) * np.float32(1 / 255)
     part = picture[top:bottom, left:right]
     ahead = ~seen.sky[top:bottom, left:right]
-    part += ahead * (looked[..., 0] - looked[..., 1] * part)
+    part += ahead * (share[..., 0] - share[..., 1] * part)
 
 
 # --------------------------------------------------------------------------------------------------- light, sensor

@@ -163,9 +163,7 @@ class _Plane:
         self.scene = scene
         self.ground = ground(scene.ground, scene.ground_variant)
         self.litter = (
-            litter(np.random.default_rng(scene.seed + 1), scene.litter_span, 0.36, scene.litter_count)
-            if scene.litter_count
-            else None
+            litter(scene.seed + 1, scene.litter_span, 0.36, scene.litter_count) if scene.litter_count else None
         )
         self.cover = cover(scene.cover_seed, *scene.cover_part)[0] if scene.cover_seed is not None else None
         self.cloud: Texture | None = None
@@ -187,7 +185,10 @@ class _Plane:
         sun = sun * np.exp(np.clip(slope, -0.4, 0.4))
         shine = _shine(light, view)
         sky = _inner(view.sky)
-        cover_px = None if self.cover is None else self.cover.sample(x, y, footprint)
+        cover_px = None
+        if self.cover is not None:
+            shift = scene.cover_shift
+            cover_px = self.cover.sample(x - np.float32(shift[0]), y - np.float32(shift[1]), footprint)
         # The board lies a little above the ground and throws a soft shadow.
         dx, dy = np.float32(scene.board_shadow[0]), np.float32(scene.board_shadow[1])
         rim = np.maximum(np.float32(0.01), footprint)
@@ -258,7 +259,7 @@ def gain(scene: Scene, bare: Array) -> float:
 
 def _grain(scene: Scene) -> Array:
     """(HEIGHT, WIDTH) noise of deviation 1."""
-    grain = np.random.default_rng(scene.seed + 3).standard_normal((HEIGHT, WIDTH), dtype=np.float32)
+    grain = np.random.default_rng(scene.noise_seed).standard_normal((HEIGHT, WIDTH), dtype=np.float32)
     if scene.noise_grain > 0:
         grain = cv2.GaussianBlur(grain, (0, 0), scene.noise_grain)
         grain *= np.float32(1 / grain.std())

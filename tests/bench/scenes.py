@@ -80,7 +80,8 @@ class Scene:
     """One frame, before it is rendered. Lengths in metres, angles in radians.
 
     Attributes:
-        seed: Of noise and litter.
+        seed: Of litter and the pattern of leaves' shadows.
+        noise_seed: Of the noise.
         lens: "A" or "B".
         rotation: (3, 3) cam_from_pad.
         translation: (3,) the pad's middle in the camera frame.
@@ -94,7 +95,8 @@ class Scene:
         litter_count: Things that lie about.
         litter_span: Side of the square they lie in.
         cover_seed: Of what lies on the print; None for nothing.
-        cover_part: Limits of the part of the marker that it covers.
+        cover_part: Limits of the part of the marker that it covers, where it lies unshifted.
+        cover_shift: Of what lies on the print, right and back.
         light: Illumination.
         paper: Albedo.
         ink: Albedo.
@@ -113,6 +115,7 @@ class Scene:
     """
 
     seed: int
+    noise_seed: int
     lens: str
     rotation: Array = field(repr=False)
     translation: Array = field(repr=False)
@@ -128,6 +131,7 @@ class Scene:
     litter_span: float = 3.0
     cover_seed: int | None = None
     cover_part: tuple[float, float] = (0.03, 0.25)
+    cover_shift: tuple[float, float] = (0.0, 0.0)
     paper: float = 0.8
     ink: float = 0.05
     board_shadow: tuple[float, float] = (0.0, 0.0)

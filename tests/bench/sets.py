@@ -117,6 +117,7 @@ def _scene(rng: Rng, lens_name: str, rotation: Array, translation: Array, unseen
     shake = shake_for(lens_name, translation, motion_px, _uniform(rng, -0.01, 0.01) * motion)
     return Scene(
         seed=int(rng.integers(1 << 40)),
+        noise_seed=int(rng.integers(1 << 40)),
         lens=lens_name,
         rotation=rotation,
         translation=translation,

@@ -25,6 +25,7 @@ from optics import HERE, Array, Optics, lens
 from prints import MARKERS
 from render import render
 from scenes import Scene, Truth
+from sequences import draw_sequence, is_visible
 
 SOURCES = ("covers", "grounds", "optics", "prints", "render", "scenes", "texture")
 
@@ -141,3 +142,16 @@ def load(set_name: str, count: int, unseen: bool = False, kinds: Sequence[str] =
         if kinds and drawn.kind not in kinds:
             continue
         yield Case(set_name, index, drawn.kind, drawn.scene, drawn.truth, lens(drawn.scene.lens), unseen)
+
+
+def load_sequence(name: str, unseen: bool = False) -> Iterator[Case]:
+    """The frames of a sequence, in order.
+
+    Args:
+        name: Of sequences.NAMES.
+        unseen: From the part that is not looked at while tuning.
+    """
+    for drawn in draw_sequence(name, unseen):
+        kind = "visible" if is_visible(drawn.truth) else "cut"
+        optics = lens(drawn.scene.lens)
+        yield Case(f"seq-{name}", drawn.index, kind, drawn.scene, drawn.truth, optics, unseen, drawn.t_s)
