@@ -109,15 +109,16 @@ def draw_inspected(
         for k, (outlines, text) in enumerate(_refused(attempt)):
             for outline in outlines:
                 draw_line(canvas, outline, AMBER)
-            if np.isfinite(outlines[0]).all():
+            if outlines and np.isfinite(outlines[0]).all():
                 corner = outlines[0].max(axis=0)
                 _text(canvas, str(k + 1), (int(corner[0]) + 2, int(corner[1]) + 10), AMBER)
             words.append(text)
-        height, width = attempt.binary.shape
-        scale = min(1.0, THUMBNAIL_PX / width)
-        size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        small = cv2.resize(255 - attempt.binary, size, interpolation=cv2.INTER_AREA)
-        thumbnail = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        if attempt.binary is not None:
+            height, width = attempt.binary.shape
+            scale = min(1.0, THUMBNAIL_PX / width)
+            size = (max(1, round(width * scale)), max(1, round(height * scale)))
+            small = cv2.resize(255 - attempt.binary, size, interpolation=cv2.INTER_AREA)
+            thumbnail = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     return _with_caption(canvas, _lines(detection, pose, reason, words), thumbnail)
 
 

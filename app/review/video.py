@@ -124,4 +124,5 @@ def binary_of(frame: Frame, landmark: Landmark, lens: Lens, vision: VisionConfig
     detector = Detector(landmark, lens, vision)
     detector.detect(frame, still=True)
     assert detector.attempt is not None
+    assert detector.attempt.binary is not None, "a frame that stands alone is looked at through its binary image"
     return detector.attempt.binary

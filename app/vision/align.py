@@ -1,86 +1,167 @@
-"""Sub-pixel alignment of a small landmark: the drawing, blurred as the camera blurs it, is moved until it explains the
-grey of the rectified patch. Where contours are a pixel or two apart, edges blur into each other and only this is
-unbiased.
+"""A small landmark fitted as a picture: the drawing, blurred as the camera blurs it, is moved until it explains the grey
+of the rectified patch. Where contours are a pixel or two apart, edges blur into each other and only this is unbiased.
 
-Method: inverse compositional Gauss-Newton with gain and offset (Baker and Matthews, "Lucas-Kanade 20 years on", 2004).
+What the light, the lens and the camera's tone curve do to the picture is fitted along with the move: the grey of black,
+of white and of what lies round the quiet zone, a gradient of the light, more blur in any direction (focus, motion) and
+a bend of the tone curve. What is left over then speaks against the drawing.
+
+Method: inverse compositional Gauss-Newton with linear appearance (Baker and Matthews, "Lucas-Kanade 20 years on", 2004).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.frames import Array
-from app.vision.camera_model import Lens
-from app.vision.evidence import Patch, rectify
-from app.vision.fit import Fit
 from app.vision.geometry import PATCH_EXTENT, LandmarkGeometry
-from app.vision.preprocess import Prepared
+from app.vision.patch import PSF_SIGMA_PX, Patch, View, rectify
+from app.vision.plane import warped
 
-STEPS = 5
-LEVELS = 4
-"""Grey levels that are fitted: white over black, the surroundings over black, more blur, black."""
-SMALL_STEP = 0.012
+STEPS = 6
+SMALL_STEP = 0.006
 """In half sides of the patch: a smaller step leaves a tenth of itself, and the alignment has settled."""
-SURROUND = 8.0
-"""What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 PERSPECTIVE_WEIGHT = 0.05
 """Holds the two perspective terms near what they are unless the patch says otherwise, as a part of the information
 that the patch has on its shift."""
+BLUR_SIGMA_PX2 = 1.5
+"""How much more variance of blur, in squared pixels, is expected along each direction."""
+GRADIENT_SIGMA = 0.3
+"""Gradient of the light over half a patch, as a part of the contrast."""
+TONE_SIGMA = 0.4
+"""Bend of the tone curve between black and white, as a part of the contrast."""
+NOISE_MIN_DN = 1.0
+LEVELS = 9
+_WHITE, _OUTSIDE, _UU, _VV, _UV, _TONE, _GU, _GV, _ONE = range(8, 8 + LEVELS)
 
 
-def align(
-    prepared: Prepared, fit: Fit, geometry: LandmarkGeometry, lens: Lens, scale_px: float, sigma_px: float
-) -> tuple[Fit, Patch]:
-    """A fit moved to where the patch agrees best with the drawing, and the patch there.
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """A map moved to where the patch agrees best with the drawing.
 
-    The grey of black, of white and of what lies round the quiet zone are unknowns, and so is some more or less blur
-    than expected. A fit that the patch doesn't support stays where it is.
+    Attributes:
+        rays_from_pad: (3, 3).
+        information: (8, 8), see app.messages.PlaneFit.
+        patch: The patch there.
+        model: (PATCH, PATCH) grey of the drawing with the fitted light, blur and tone.
+        contrast: Grey levels from black to white.
+        scatter_dn: Root mean square difference of patch and model on the landmark, grey levels.
     """
-    half_m = 0.5 * PATCH_EXTENT * geometry.landmark.size_m
-    scale, unscale = np.diag([half_m, half_m, 1.0]), np.diag([1.0 / half_m, 1.0 / half_m, 1.0])
-    matrix = fit.rays_from_pad
-    patch = rectify(prepared, fit, geometry, lens, scale_px, sigma_px)
-    template = geometry.template(patch.sigma_cells)
-    by_white, by_outside = template.slopes()
-    rows = np.empty((by_white.shape[0], 8 + LEVELS))
-    rows[:, 8:] = template.linear
-    weight = 1.0 / (1.0 + (SURROUND * template.outside.reshape(-1, 1)) ** 2)
-    hidden = np.flatnonzero(~patch.seen.ravel())
-    levels: Array = np.zeros(LEVELS)
-    for step in range(STEPS + 1):
-        if len(hidden):
-            weight[hidden] = 0.0
-        grey = patch.grey.ravel()
-        # First the grey levels alone; then they and the eight terms of the warp together.
-        first = 8 if step == 0 else 0
-        if step > 0:
-            np.multiply(by_white, levels[0], out=rows[:, :8])
-            rows[:, :8] += levels[1] * by_outside
-        weighted = rows[:, first:] * weight
-        normal = weighted.T @ rows[:, first:]
+
+    rays_from_pad: Array
+    information: Array
+    patch: Patch
+    model: Array
+    contrast: float
+    scatter_dn: float
+
+
+def _priors(contrast: float, cell_px: float) -> Array:
+    """(LEVELS,) 1 / sigma of what the appearance terms are expected to be, in grey levels; 0 where anything goes."""
+    result = np.zeros(LEVELS)
+    # Half the variance of the blur, in squared cells, times the second derivative.
+    blur = 1.0 / (max(contrast, 1.0) * 0.5 * BLUR_SIGMA_PX2 / cell_px**2)
+    result[[_UU - 8, _VV - 8]] = blur
+    result[_UV - 8] = blur
+    result[_TONE - 8] = 1.0 / (max(contrast, 1.0) * TONE_SIGMA)
+    result[[_GU - 8, _GV - 8]] = 1.0 / (max(contrast, 1.0) * GRADIENT_SIGMA)
+    return result
+
+
+def _combination(levels: Array) -> Array:
+    """(17, 25) how warp and appearance are made of Template.design, for these grey levels."""
+    result = np.zeros((8 + LEVELS, 16 + LEVELS))
+    result[_I8, _I8] = levels[0]
+    result[_I8, 8 + _I8] = levels[1]
+    result[8 + _I9, 16 + _I9] = 1.0
+    return result
+
+
+_I8, _I9 = np.arange(8), np.arange(LEVELS)
+
+
+def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | None:
+    """Move a map to where the patch agrees best with the drawing; None if the patch doesn't support it.
+
+    Args:
+        view: What to look at.
+        rays_from_pad: (3, 3) where to begin, off by a part of the distance between contours.
+        steps: At most so many.
+    """
+    geometry = view.geometry
+    unit_m = 0.5 * PATCH_EXTENT * geometry.landmark.size_m
+    matrix = rays_from_pad
+    patch = rectify(view, matrix)
+    if not 0.02 < patch.cell_px < 1e4:
+        return None
+    template = geometry.template(math.hypot(PSF_SIGMA_PX, 0.3) / patch.cell_px)
+    noise = 3.0
+    levels = np.zeros(LEVELS)
+    normal = np.zeros((8 + LEVELS, 8 + LEVELS))
+    for step in range(steps + 1):
+        if patch.whole:
+            weighted, gram = template.weighted_design, template.gram
+        else:
+            weighted = template.weighted_design * patch.seen.ravel()
+            gram = weighted @ template.design.T
+        side = weighted @ patch.grey.ravel()
+        if step == 0:
+            normal, side = gram[16:, 16:], side[16:]
+        else:
+            terms = _combination(levels)
+            normal, side = terms @ gram @ terms.T, terms @ side
+        held = normal.copy()
         if step > 0:
             hold = PERSPECTIVE_WEIGHT * 0.5 * (normal[2, 2] + normal[5, 5])
-            normal[6, 6] += hold
-            normal[7, 7] += hold
+            held[6, 6] += hold
+            held[7, 7] += hold
+        # The weight of a prior counts the cells that make one pixel.
+        prior = noise * _priors(levels[0] if step else 60.0, patch.cell_px) / min(1.0, patch.cell_px)
+        size = len(held)
+        held.flat[(size - LEVELS) * (size + 1) :: size + 1] += prior * prior
         try:
-            solution = np.asarray(np.linalg.solve(normal, weighted.T @ grey), dtype=np.float64)
+            solution = np.asarray(np.linalg.solve(held, side), dtype=np.float64)
         except np.linalg.LinAlgError:
-            break
+            return None
         levels = solution[-LEVELS:]
         if levels[0] < 1.0:
-            break
+            return None
         if step == 0:
             continue
         d = solution[:8]
         largest = float(np.abs(d).max())
         if not largest < 0.5:
-            break
-        warp = np.array([[1.0 + d[0], d[1], d[2]], [d[3], 1.0 + d[4], d[5]], [d[6], d[7], 1.0]])
-        matrix = matrix @ (scale @ np.linalg.inv(warp) @ unscale)
-        patch = rectify(prepared, replace(fit, rays_from_pad=matrix), geometry, lens, scale_px, sigma_px)
-        hidden = np.flatnonzero(~patch.seen.ravel())
+            return None
+        matrix = matrix @ np.linalg.inv(_pad_warp(d, unit_m))
+        patch = rectify(view, matrix)
+        if not 0.02 < patch.cell_px < 1e4:
+            return None
         if largest < SMALL_STEP:
             break
-    return replace(fit, rays_from_pad=matrix), patch
+    model = template.appearance @ levels
+    return _finished(matrix, patch, model, float(levels[0]), normal, geometry)
+
+
+def _pad_warp(d: Array, unit_m: float) -> Array:
+    return warped(np.eye(3), d, unit_m)
+
+
+def _finished(
+    matrix: Array, patch: Patch, model: Array, contrast: float, normal: Array, geometry: LandmarkGeometry
+) -> Alignment:
+    """The alignment with its information, all appearance terms eliminated."""
+    cells = geometry.cells(None)
+    if not patch.whole:
+        cells = cells[patch.seen.ravel()[cells]]
+    off = (patch.grey.ravel() - model)[cells]
+    scatter = math.sqrt(float(off @ off) / max(1, len(cells) - 12))
+    variance = max(scatter, NOISE_MIN_DN) ** 2 / min(1.0, patch.cell_px**2)
+    appearance = normal[8:, 8:].copy()
+    appearance.flat[:: LEVELS + 1] += 1e-6 * float(np.trace(appearance)) + variance * _priors(contrast, patch.cell_px) ** 2
+    information = (normal[:8, :8] - normal[:8, 8:] @ np.linalg.solve(appearance, normal[8:, :8])) / variance
+    # From half sides of the patch to half sides of the landmark.
+    scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
+    information = information * scale * scale[:, None]
+    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -31,7 +32,7 @@ MAX_NODES = 48
 """Contours looked at one by one, the longest first."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Tree:
     """All contours of a binary image.
 
@@ -45,12 +46,15 @@ class Tree:
     parent: NDArray[np.int32]
     length: NDArray[np.int32]
 
-    def black(self, index: int) -> bool:
-        """Whether the inside of a contour is black: contours with an even number of others round them are."""
-        depth = 0
-        while (index := int(self.parent[index])) >= 0:
-            depth += 1
-        return depth % 2 == 0
+    @cached_property
+    def black_inside(self) -> NDArray[np.bool_]:
+        """(n,) whether the inside of each is black: contours with an even number of others round them are."""
+        black = np.ones(len(self.parent), dtype=bool)
+        above = self.parent
+        while (inner := above >= 0).any():
+            black ^= inner
+            above = np.where(inner, self.parent[above], -1)
+        return black
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,17 +106,16 @@ def _compact(tree: Tree, nodes: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
-def nests(prepared: Prepared, binary: Image, geometry: LandmarkGeometry, lens: Lens, min_side_px: float) -> list[Nest]:
+def nests(prepared: Prepared, tree: Tree, geometry: LandmarkGeometry, lens: Lens, min_side_px: float) -> list[Nest]:
     """Nested polygons that may be part of the landmark, the largest first.
 
     Args:
         prepared: The region that was binarised.
-        binary: Its binary image, at the resolution of prepared.smooth.
+        tree: Contours of its binary image, at the resolution of prepared.smooth.
         geometry: Of the landmark.
         lens: Of the camera.
         min_side_px: Shortest side of an outermost contour, in pixels of the frame.
     """
-    tree = contour_tree(binary)
     pairs = likely_pairs(tree, geometry, min_side_px / prepared.reduction)
     if not len(pairs):
         return []
@@ -122,7 +125,7 @@ def nests(prepared: Prepared, binary: Image, geometry: LandmarkGeometry, lens: L
         return []
     kept = [int(n) for n in np.unique(pairs)]
     outlines = [tree.points[n] for n in kept]
-    shapes = dict(zip(kept, polygons(outlines, [tree.black(n) for n in kept], prepared, lens), strict=True))
+    shapes = dict(zip(kept, polygons(outlines, [bool(tree.black_inside[n]) for n in kept], prepared, lens), strict=True))
     outer_of = {int(child): int(parent) for parent, child in pairs}
     innermost = set(outer_of) - set(outer_of.values())
     found: list[Nest] = []
@@ -131,6 +134,6 @@ def nests(prepared: Prepared, binary: Image, geometry: LandmarkGeometry, lens: L
         while chain[-1] in outer_of:
             chain.append(outer_of[chain[-1]])
         chain.reverse()
-        found.append(Nest(tuple(shapes[n] for n in chain), tree.black(chain[0])))
+        found.append(Nest(tuple(shapes[n] for n in chain), bool(tree.black_inside[chain[0]])))
     found.sort(key=lambda nest: -nest.polygons[0].length_px)
     return found

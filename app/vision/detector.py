@@ -1,25 +1,45 @@
-"""The detector: one frame in, one Detection out. In a sequence the threshold and the region of interest carry over.
+"""The detector: one frame in, one Detection out. In a sequence the map of the pad's plane, the threshold and the region
+of interest carry over.
 
-It owns the order of things (which region, which grey level, how many tries); each stage is a module of its own.
+It owns the order of things: first the landmark is sought where it was, by its edges; then in the region round it and in
+the whole frame, by the paper's way (threshold, contours, polygons, Table I) and by what helps where a contour is too
+small, cut off or covered. Each stage is a module of its own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from app.config import VisionConfig
 from app.errors import ImageError
-from app.landmark import Landmark
-from app.messages import Detection, Frame, Image, SeenContour
+from app.frames import Array
+from app.landmark import Landmark, Shape
+from app.messages import Detection, Frame, Image, PlaneFit, SeenContour
+from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
-from app.vision.candidates import Bench, Candidate, Found, examine
-from app.vision.contours import nests
+from app.vision.candidates import SMALL_PX, Candidate, Found, confirm, confirm_large, confirm_small, examine
+from app.vision.contours import contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
-from app.vision.preprocess import Prepared, Region, binarise, global_otsu, grow, otsu, prepare, whole
+from app.vision.patch import View, rectify
+from app.vision.preprocess import (
+    Prepared,
+    Region,
+    binarise,
+    global_otsu,
+    grow,
+    local_binary,
+    otsu,
+    prepare,
+    to_grey,
+    whole,
+)
+from app.vision.refine import FINE_REACH_PX
+from app.vision.refusal import Rejection
 from app.vision.threshold import Search, ThresholdState, after_miss, after_success, ladder, threshold_now
 
 ROI_MARGIN_PX = 32
@@ -31,28 +51,35 @@ at the full one."""
 SEARCH_WIDTH_PX = 960
 """Wider frames are searched at a lower resolution too, in turn with the full one."""
 MAX_NESTS = 12
-GOOD_RUN = 3
-GOOD_SCORE = 0.8
-"""A candidate with this many contours and this score ends the search."""
-RETRY_LEVELS = 8
-"""A second try in the region is worth it if its own Otsu level differs by this much."""
+TRACK_REACH_PX = 4.0
+WIDE_REACH_PX = 9.0
+TRACK_STEPS = 3
+TRACK_MISSES = 5
+"""So many frames the landmark is sought where it was."""
+PREDICTED_S = 0.2
+"""Over a longer time it is not expected to go on moving as it did."""
+LOCAL_PART = 6
+"""The local threshold compares a pixel with the mean of a window of this part of the region's height."""
+LOCAL_WINDOWS_PX = (21, 81)
 
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One region at one threshold: what the drawing shows.
+    """One way to look for the landmark: what the drawing shows.
 
     Attributes:
-        prepared: The region.
-        threshold: Grey level.
-        binary: At the resolution of prepared.smooth.
+        how: In a word.
+        region: Of the frame.
+        threshold: Grey level; 0 where each place has its own.
+        binary: Of the region, at a lower resolution maybe; None where none was made.
         candidates: What was looked at.
-        found: The best that was confirmed.
+        found: The first that was confirmed.
     """
 
-    prepared: Prepared
+    how: str
+    region: Region
     threshold: int
-    binary: Image
+    binary: Image | None
     candidates: tuple[Candidate, ...]
     found: Found | None
 
@@ -70,6 +97,25 @@ class Attempt:
         return max((int(c.rejection.test) for c in self.candidates if c.rejection is not None), default=-1)
 
 
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Where the landmark was.
+
+    Attributes:
+        rays_from_pad: (3, 3) at its last sight.
+        motion: (3, 3) by which the map moved in a second, as a warp less the identity; zeros if not known.
+        t_s: When that was.
+        side_px: Its outer side.
+        misses: Frames since.
+    """
+
+    rays_from_pad: Array
+    motion: Array
+    t_s: float
+    side_px: float
+    misses: int = 0
+
+
 class Detector:
     """Finds the landmark.
 
@@ -84,14 +130,13 @@ class Detector:
         self.lens = lens
         self.config = config
         self.threshold = ThresholdState()
-        self.roi: Region | None = None
-        self.reduction = 1
+        self.track: Track | None = None
         self.attempt: Attempt | None = None
         """What the last frame's drawing shows."""
 
     def reset(self) -> None:
         """Forget the sequence."""
-        self.threshold, self.roi, self.reduction, self.attempt = ThresholdState(), None, 1, None
+        self.threshold, self.track, self.attempt = ThresholdState(), None, None
 
     def detect(
         self, frame: Frame, *, still: bool = False, predicted_px: tuple[float, float] | None = None
@@ -102,7 +147,7 @@ class Detector:
             frame: Of the lens's size.
             still: The frame stands alone: all thresholds are tried on it, and nothing is carried over.
             predicted_px: Where the middle of the landmark is expected (u, v), if the caller knows better than
-                "where it was".
+                "as it moved before".
 
         Raises:
             ImageError: The frame is not of the lens's size.
@@ -114,66 +159,77 @@ class Detector:
                 f"{frame.name or 'frame'}: {width}x{height} pixels, the camera file says {wide}x{high}",
                 "give images of that size, or the camera file that belongs to them",
             )
-        if still:
-            attempt = self._still(frame.image)
-            region = whole(frame.image)
-        else:
-            attempt = self._next(frame.image, predicted_px)
-            region = attempt.prepared.region
+        grey = to_grey(frame.image, whole(frame.image))
+        view = View(grey, (0, 0), self.geometry, self.lens)
+        attempt = self._still(view) if still else self._next(view, frame.t_capture_s, predicted_px)
         self.attempt = attempt
-        roi = None if region == whole(frame.image) else region
+        roi = None if attempt.region == whole(grey) else attempt.region
         found = attempt.found
         if found is None:
             return Detection(
                 frame.t_capture_s, frame.sequence, reason=attempt.reason, threshold=attempt.threshold, roi_px=roi
             )
-        seen = tuple(SeenContour(found.first + i, px) for i, px in enumerate(found.corners_px))
+        corners = found.corners_px(view)
         return Detection(
             frame.t_capture_s,
             frame.sequence,
-            contours=seen,
+            contours=tuple(SeenContour(k, px) for k, px in zip(found.contours, corners, strict=True)),
             code=found.code(self.geometry),
-            score=found.judgement.score,
-            threshold=attempt.threshold,
+            score=found.score,
+            threshold=attempt.threshold or round(found.level),
             roi_px=roi,
+            plane=PlaneFit(found.rays_from_pad, found.information, self.geometry.unit_m, found.residual_px),
         )
 
-    def _search(self, image: Image, region: Region, reduction: int, level: int) -> Attempt:
-        """One region at one threshold."""
-        prepared = prepare(image, region, reduction=reduction, sigma_px=self.config.blur_sigma_px)
-        return self._binarised(prepared, level)
-
-    def _binarised(self, prepared: Prepared, level: int) -> Attempt:
+    # ------------------------------------------------------------------------------------------------------ one look
+    def _look(self, view: View, prepared: Prepared, binary: Image, level: int, how: str) -> Attempt:
+        """One binary image."""
         config = self.config
-        binary = binarise(prepared.smooth, level)
-        bench = Bench(prepared, self.geometry, self.lens, config.min_side_px, config.min_score, config.blur_sigma_px)
         candidates: list[Candidate] = []
-        best: Found | None = None
-        for nest in nests(prepared, binary, self.geometry, self.lens, config.min_side_px)[:MAX_NESTS]:
-            found, looked_at = examine(nest, bench)
+        tree = contour_tree(binary)
+        for nest in nests(prepared, tree, self.geometry, self.lens, config.min_side_px)[:MAX_NESTS]:
+            found, looked_at = examine(nest, view, config.min_side_px)
             candidates += looked_at
-            for one in found:
-                rank = (len(one.corners_px), one.judgement.score)
-                if best is None or rank > (len(best.corners_px), best.judgement.score):
-                    best = one
-            if best is not None and len(best.corners_px) >= GOOD_RUN and best.judgement.score >= GOOD_SCORE:
-                break
-        return Attempt(prepared, level, binary, tuple(candidates), best)
+            if found is not None:
+                return Attempt(how, prepared.region, level, binary, tuple(candidates), found)
+        if self.geometry.landmark.contours[0].shape is Shape.SQUARE:
+            for maps, box in blobs(tree, prepared, view):
+                result = confirm(maps, range(2), view)
+                refused = result if isinstance(result, Rejection) else None
+                candidates.append(Candidate((box,), "small", refused))
+                if isinstance(result, Found):
+                    return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
+        return Attempt(how, prepared.region, level, binary, tuple(candidates), None)
 
-    def _still(self, image: Image) -> Attempt:
+    def _by_level(self, view: View, prepared: Prepared, level: int) -> Attempt:
+        """At one grey level."""
+        return self._look(view, prepared, binarise(prepared.smooth, level), level, "threshold")
+
+    def _by_place(self, view: View, prepared: Prepared, window_px: int) -> Attempt:
+        """Each place against the mean of its surroundings."""
+        return self._look(view, prepared, local_binary(prepared.smooth, window_px), 0, "local threshold")
+
+    # --------------------------------------------------------------------------------------------------------- stills
+    def _still(self, view: View) -> Attempt:
         """All thresholds on one image, Otsu's first; the attempt that came nearest if none finds it."""
-        config = self.config
-        levels = [
-            global_otsu(image),
-            *ladder(config.sweep_from, config.sweep_to, config.sweep_step),
-            *ladder(config.wide_from, config.wide_to, config.wide_step),
-        ]
+        config, image = self.config, view.image
         coarse = -(-image.shape[1] // SEARCH_WIDTH_PX)
+        levels = dict.fromkeys(
+            [
+                *ladder(config.sweep_from, config.sweep_to, config.sweep_step),
+                *ladder(config.wide_from, config.wide_to, config.wide_step),
+            ]
+        )
         nearest: Attempt | None = None
-        for reduction in dict.fromkeys((coarse, 1)):
+        first = global_otsu(image)
+        for reduction in dict.fromkeys((coarse, 1, 2)):
             prepared = prepare(image, whole(image), reduction=reduction, sigma_px=config.blur_sigma_px)
-            for level in dict.fromkeys(levels):
-                attempt = self._binarised(prepared, level)
+            looks = [lambda p=prepared: self._by_level(view, p, first)]
+            looks += [lambda p=prepared, w=w: self._by_place(view, p, w) for w in LOCAL_WINDOWS_PX]
+            if reduction == 1:
+                looks += [lambda p=prepared, v=v: self._by_level(view, p, v) for v in levels if v != first]
+            for look in looks:
+                attempt = look()
                 if attempt.found is not None:
                     return attempt
                 if nearest is None or attempt.progress > nearest.progress:
@@ -181,58 +237,123 @@ class Detector:
         assert nearest is not None
         return nearest
 
-    def _next(self, image: Image, predicted_px: tuple[float, float] | None) -> Attempt:
+    # ------------------------------------------------------------------------------------------------------ sequences
+    def _next(self, view: View, t_s: float, predicted_px: tuple[float, float] | None) -> Attempt:
         """The next frame of a sequence."""
-        global_level = global_otsu(image)
-        level = threshold_now(self.threshold, self.config, global_level)
-        roi = self._region(predicted_px) if self.threshold.search is Search.TRACK else None
-        if roi is not None:
-            attempt = self._search(image, roi, self.reduction, level)
-            if attempt.found is None:
-                own = otsu(attempt.prepared.smooth)
-                if abs(own - level) >= RETRY_LEVELS:
-                    attempt = self._binarised(attempt.prepared, own)
-        else:
-            coarse = -(-image.shape[1] // SEARCH_WIDTH_PX)
-            reduction = 1 if self.threshold.misses % 2 else coarse
-            attempt = self._search(image, whole(image), reduction, level)
+        global_level = global_otsu(view.image)
+        attempt = self._where_it_was(view, t_s, predicted_px)
+        if attempt is None or attempt.found is None:
+            attempt = self._search(view, t_s, global_level) or attempt
+        assert attempt is not None
         if attempt.found is None:
             self.threshold = after_miss(self.threshold, self.config)
-            if self.threshold.search is not Search.TRACK:
-                self.roi, self.reduction = None, 1
+            if self.track is not None:
+                self.track = replace(self.track, misses=self.track.misses + 1)
+                if self.track.misses > TRACK_MISSES:
+                    self.track = None
         else:
-            self._carry_over(attempt, attempt.found, global_level)
+            self._carry_over(view, attempt.found, t_s, global_level)
         return attempt
 
-    def _carry_over(self, attempt: Attempt, found: Found, global_level: int) -> None:
-        """Threshold, region and resolution for the frame after a success."""
+    def _expected(self, track: Track, t_s: float, predicted_px: tuple[float, float] | None) -> list[Array]:
+        """Maps to begin from: as the landmark moved before, and where it was."""
+        maps: list[Array] = []
+        ahead_s = t_s - track.t_s
+        if predicted_px is not None:
+            ray = self.lens.rays(np.array([predicted_px]))[0]
+            centre = track.rays_from_pad[:, 2]
+            length = float(np.linalg.norm(centre))
+            if np.isfinite(ray).all():
+                moved = track.rays_from_pad.copy()
+                moved[:, 2] = ray * length
+                maps.append(moved)
+        if 0.0 < ahead_s < PREDICTED_S and np.any(track.motion):
+            maps.append(track.rays_from_pad @ (np.eye(3) + track.motion * ahead_s))
+        maps.append(track.rays_from_pad)
+        return maps
+
+    def _where_it_was(self, view: View, t_s: float, predicted_px: tuple[float, float] | None) -> Attempt | None:
+        """By its edges or its picture, from where it is expected; None if nothing is known."""
+        track = self.track
+        if track is None:
+            return None
+        everything = range(len(self.geometry.landmark.contours))
+        candidates: list[Candidate] = []
+        maps = self._expected(track, t_s, predicted_px)
+        for k, matrix in enumerate(maps):
+            if track.side_px < SMALL_PX:
+                found = confirm_small(matrix, view, TRACK_STEPS)
+            else:
+                last = k == len(maps) - 1
+                reach = (WIDE_REACH_PX, TRACK_REACH_PX, FINE_REACH_PX) if last else (TRACK_REACH_PX, FINE_REACH_PX)
+                found = confirm_large(matrix, everything, view, reach)
+            if isinstance(found, Found):
+                return Attempt("track", self._region(view, found), 0, None, tuple(candidates), found)
+            candidates.append(Candidate((), "track", found))
+        return Attempt("track", whole(view.image), 0, None, tuple(candidates), None)
+
+    def _search(self, view: View, t_s: float, global_level: int) -> Attempt:
+        """In the region round where it was, then in the whole frame."""
+        level = threshold_now(self.threshold, self.config, global_level)
+        nearest: Attempt | None = None
+        track, sigma = self.track, self.config.blur_sigma_px
+        if track is not None:
+            region = self._round(view, track.rays_from_pad, track.side_px)
+            reduction = max(1, math.ceil(track.side_px / FULL_SIDE_PX))
+            prepared = prepare(view.image, region, reduction=reduction, sigma_px=sigma)
+            window = max(9, int(track.side_px / reduction / 2.5) | 1)
+            for k in range(2):
+                attempt = self._by_level(view, prepared, level) if k == 0 else self._by_place(view, prepared, window)
+                if attempt.found is not None:
+                    return attempt
+                if nearest is None or attempt.progress > nearest.progress:
+                    nearest = attempt
+        coarse = -(-view.image.shape[1] // SEARCH_WIDTH_PX)
+        turn = self.threshold.misses
+        prepared = prepare(view.image, whole(view.image), reduction=coarse if turn % 2 == 0 else 1, sigma_px=sigma)
+        attempt = self._by_level(view, prepared, global_level if track is not None else level)
+        if attempt.found is None:
+            local = self._by_place(view, prepared, LOCAL_WINDOWS_PX[turn % len(LOCAL_WINDOWS_PX)])
+            if local.found is not None or local.progress > attempt.progress:
+                attempt = local
+        return attempt if nearest is None or attempt.found is not None else nearest
+
+    def _region(self, view: View, found: Found) -> Region:
+        """The quiet zone of what was found."""
+        return self._round(view, found.rays_from_pad, found.side_px, 0.0, 0.0)
+
+    def _round(
+        self,
+        view: View,
+        rays_from_pad: Array,
+        side_px: float,
+        margin_px: float = ROI_MARGIN_PX,
+        margin_part: float = ROI_MARGIN_PART,
+    ) -> Region:
+        """The region round the quiet zone of a map."""
         landmark = self.geometry.landmark
-        zone = self.geometry.side_points[self.geometry.slices[0]].reshape(-1, 2)
-        zone = np.concatenate([zone, landmark.contours[0].corners_m]) * (landmark.quiet_zone_m / landmark.size_m)
-        px, seen = project_pad(found.fit.rays_from_pad, zone, self.lens)
+        zone = landmark.contours[0].corners_m * (landmark.quiet_zone_m / landmark.size_m)
+        px, seen = project_pad(rays_from_pad, np.concatenate([zone, 0.5 * (zone + np.roll(zone, 1, axis=0))]), self.lens)
         width, height = self.lens.size_px
         if not seen.all():
-            tight: Region = (0, 0, width, height)
-        else:
-            low, high = px.min(axis=0), px.max(axis=0)
-            tight = grow((int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1), 0, (width, height))
-        side_px = found.scale_px * landmark.size_m
-        self.roi = grow(tight, ROI_MARGIN_PX + ROI_MARGIN_PART * side_px, (width, height))
-        self.reduction = max(1, math.ceil(side_px / FULL_SIDE_PX))
-        u0, v0, u1, v1 = attempt.prepared.region
-        r = attempt.prepared.reduction
-        rows = slice(max(0, tight[1] - v0) // r, max(1, (min(tight[3], v1) - v0) // r))
-        columns = slice(max(0, tight[0] - u0) // r, max(1, (min(tight[2], u1) - u0) // r))
-        part = attempt.prepared.smooth[rows, columns]
-        roi_level = otsu(part) if part.size else attempt.threshold
-        self.threshold = after_success(self.threshold, self.config, roi_level, global_level)
+            return 0, 0, width, height
+        low, high = np.clip(px.min(axis=0), -1e4, 1e4), np.clip(px.max(axis=0), -1e4, 1e4)
+        box: Region = (int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1)
+        region = grow(box, margin_px + margin_part * side_px, (width, height))
+        return region if region[2] - region[0] > 16 and region[3] - region[1] > 16 else (0, 0, width, height)
 
-    def _region(self, predicted_px: tuple[float, float] | None) -> Region | None:
-        """Where to look: the region of interest, moved to where the landmark is expected."""
-        if self.roi is None or predicted_px is None:
-            return self.roi
-        u0, v0, u1, v1 = self.roi
-        half_u, half_v = (u1 - u0) // 2, (v1 - v0) // 2
-        u, v = round(predicted_px[0]), round(predicted_px[1])
-        moved = grow((u - half_u, v - half_v, u + half_u, v + half_v), 0, self.lens.size_px)
-        return moved if moved[2] - moved[0] > 16 and moved[3] - moved[1] > 16 else self.roi
+    def _carry_over(self, view: View, found: Found, t_s: float, global_level: int) -> None:
+        """What the next frame begins with."""
+        motion = np.zeros((3, 3))
+        track = self.track
+        if track is not None and 0.0 < t_s - track.t_s < PREDICTED_S:
+            moved = np.linalg.inv(track.rays_from_pad) @ found.rays_from_pad
+            moved /= moved[2, 2]
+            # Shift, size and turn; what the rest would add is noise.
+            size, turn = 0.5 * (moved[0, 0] + moved[1, 1]) - 1.0, 0.5 * (moved[0, 1] - moved[1, 0])
+            motion = np.array([[size, turn, moved[0, 2]], [-turn, size, moved[1, 2]], [0.0, 0.0, 0.0]])
+            motion /= t_s - track.t_s
+        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px)
+        patch = rectify(view, found.rays_from_pad)
+        roi_level = otsu(np.asarray(np.clip(patch.grey, 0, 255), dtype=np.uint8))
+        self.threshold = after_success(self.threshold, self.config, roi_level, global_level)

@@ -1,5 +1,8 @@
-"""What speaks for a candidate: area ratios, concentricity and shape after rectification, contrast, and the correlation
-of the rectified patch with the drawn landmark, which settles the heading too. Each test returns its refusal or None.
+"""What speaks for a map of the pad's plane and what against it. Each test returns its refusal or None.
+
+Three kinds of evidence: the corners of the contours that led to the map (area ratios, concentricity, shape); the edges
+of the whole drawing, point by point, which neither shadows nor a partial cover take away; and the picture inside, where
+the drawing must explain the grey better than the drawing turned, or with a part of it upside down or missing.
 """
 
 from __future__ import annotations
@@ -7,15 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.camera_model import Lens
-from app.vision.fit import Fit, apply, project_pad
-from app.vision.geometry import NODES, PATCH, PATCH_EXTENT, LandmarkGeometry
-from app.vision.preprocess import Prepared
+from app.vision.fit import Fit, apply
+from app.vision.geometry import LandmarkGeometry, Template
+from app.vision.patch import PSF_SIGMA_PX, Patch
+from app.vision.refine import Edges
 from app.vision.refusal import Refusal, Rejection
 
 CORNER_ERROR_PX = 1.6
@@ -24,25 +26,32 @@ SHAPE_PART = 0.035
 """And this part of the outermost side in addition: bent prints, lens errors."""
 AREA_SLACK = 1.22
 """Area ratios may differ by this factor beside what CORNER_ERROR_PX does."""
-MIN_CONTRAST = 14.0
+MIN_CONTRAST = 12.0
 """Grey levels between the landmark's black and its white."""
-MIN_INNER = 0.5
-"""Smallest correlation of the part inside the innermost contour that was found, where something is drawn there."""
-FINAL_WHOLE = 0.75
-FINAL_INNER = 0.88
-FINAL_INNER_SMALL = 0.9
-UNEXPLAINED = 0.054
-"""Rendered landmarks of 14 px and more, under noise of 8 grey levels in a contrast of 65, reach 0.95 and 0.053; those
-with one triangle upside down, or without the innermost square, 0.95 and 0.055 at best, most of them 0.9 and 0.09."""
-MIN_CELLS = 40
-"""A part of the patch with fewer cells is not correlated by itself."""
-FLAT = 0.002
-"""Variance (black 0, white 1) under which a part of the blurred drawing holds nothing to correlate with."""
-HEADING_MARGIN = 0.35
-"""Of the difference that the drawing leads one to expect between a heading and the next best."""
-_ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
-PSF_SIGMA_PX = 0.75
-"""Blur of a sharp lens and of the pixel's own area; the Gaussian of the first stage comes on top."""
+FEWEST_POINTS = 24
+"""Edge points that must be confirmed at all."""
+MIN_SHARE = 0.6
+"""Part of the edge points in view that must be confirmed: a quarter may be covered, some are lost in glare."""
+MIN_HEADING_SHARE = 0.5
+MIN_HEADING_POINTS = 8
+"""So many of the points on contours that look different when the landmark is turned, and this part of those in view."""
+CONTOUR_POINTS = 8
+CONTOUR_MISSING = 0.3
+NEIGHBOUR_WHOLE = 0.85
+"""A contour is missing if less than the one part of it is confirmed, though a neighbour is whole by the other: what
+covers a contour covers some of its neighbours too."""
+INVERTED = 0.014
+"""Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
+the other; a triangle upside down is both, by 4% each."""
+WHOLE_MIN = 0.85
+"""Correlation of a small landmark's patch with the drawing as this light and lens show it."""
+INNER_MIN = 0.8
+"""The same inside the innermost contour that was resolved."""
+RIVAL_MARGIN = 0.35
+"""Part of the difference that the drawing leads one to expect between itself and a rival."""
+MIN_CELLS = 24
+FLAT_PART = 0.03
+"""What differs by less than this part of the contrast, root mean square, can't be told."""
 
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
@@ -85,155 +94,132 @@ def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class Patch:
-    """The rectified landmark.
-
-    Attributes:
-        grey: (PATCH, PATCH) sampled through the fit, front row first.
-        seen: (PATCH, PATCH) whether the cell lies in the image.
-        sigma_cells: Blur to expect, in cells.
-    """
-
-    grey: Array
-    seen: NDArray[np.bool_]
-    sigma_cells: float
-
-
-def rectify(
-    prepared: Prepared, fit: Fit, geometry: LandmarkGeometry, lens: Lens, scale_px: float, sigma_px: float
-) -> Patch:
-    """Sample the patch of a fit; sigma_px is the Gaussian of the first stage."""
-    nodes, _ = project_pad(fit.rays_from_pad, geometry.patch_nodes, lens)
-    nodes = (nodes - prepared.region[:2] + 0.5) / prepared.reduction - 0.5
-    spread = geometry.between_nodes
-    u = (spread @ nodes[:, 0].reshape(NODES, NODES) @ spread.T).astype(np.float32)
-    v = (spread @ nodes[:, 1].reshape(NODES, NODES) @ spread.T).astype(np.float32)
-    height, width = prepared.smooth.shape
-    low_u, low_v = nodes.min(axis=0)
-    high_u, high_v = nodes.max(axis=0)
-    if low_u >= 0 and low_v >= 0 and high_u <= width - 1 and high_v <= height - 1:
-        seen = _ALL_SEEN
-    else:
-        with np.errstate(invalid="ignore"):
-            seen = (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
-        u, v = np.where(seen, u, 0.0).astype(np.float32), np.where(seen, v, 0.0).astype(np.float32)
-    grey = cv2.remap(prepared.smooth, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    cell_px = PATCH_EXTENT * geometry.size_m * scale_px / PATCH
-    sigma = math.hypot(PSF_SIGMA_PX, sigma_px if prepared.reduction == 1 else 0.4 * prepared.reduction)
-    return Patch(grey.astype(np.float64), seen, sigma / cell_px)
-
-
-def _moments(a: Array, b: Array) -> tuple[float, float, float]:
-    """Variances of two lists of n values, and their covariance, each times n."""
-    n = len(a)
-    mean_a, mean_b = float(a.sum()) / n, float(b.sum()) / n
-    return (
-        float(a @ a) - n * mean_a * mean_a,
-        float(b @ b) - n * mean_b * mean_b,
-        float(a @ b) - n * mean_a * mean_b,
-    )
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Normalised correlation of two lists of values, -1..1; 0 where one is flat."""
-    aa, bb, ab = _moments(a, b)
-    return ab / math.sqrt(aa * bb) if aa > 1e-9 and bb > 1e-9 else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """Evidence from the patch.
-
-    Attributes:
-        whole: Correlation of all that is seen.
-        inner: Correlation inside the innermost contour found; None where nothing is drawn there or it is too small.
-        contrast: Grey levels from black to white, by regression on the drawing.
-        score: The two together, 0..1.
-        unexplained: What differs from the drawing inside the innermost contour found, root mean square, as a part of
-            the contrast; 0 where inner is None.
-    """
-
-    whole: float
-    inner: float | None
-    contrast: float
-    score: float
-    unexplained: float = 0.0
-
-
-def _seen_cells(patch: Patch, geometry: LandmarkGeometry, inside_of: int | None) -> NDArray[np.intp]:
-    """Flat indices of the judged cells (of those inside a contour) that lie in the image."""
-    cells = geometry.cells(inside_of)
-    return cells if patch.seen is _ALL_SEEN else cells[patch.seen.ravel()[cells]]
-
-
-def judge(patch: Patch, innermost: int, geometry: LandmarkGeometry) -> Judgement:
-    """Correlate a patch with the drawing; innermost is the index of the innermost contour that was found."""
-    drawing, grey = geometry.template(patch.sigma_cells).white.ravel(), patch.grey.ravel()
-    seen = _seen_cells(patch, geometry, None)
-    if len(seen) < MIN_CELLS:
-        return Judgement(0.0, None, 0.0, 0.0)
-    gg, dd, gd = _moments(grey[seen], drawing[seen])
-    whole = gd / math.sqrt(gg * dd) if gg > 1e-9 and dd > 1e-9 else 0.0
-    contrast = gd / max(dd, 1e-9)
-    inner: float | None = None
-    unexplained = 0.0
-    if innermost < len(geometry.landmark.contours) - 1:
-        cells = _seen_cells(patch, geometry, innermost)
-        if len(cells) >= MIN_CELLS:
-            gg, dd, gd = _moments(grey[cells], drawing[cells])
-            if dd > FLAT * len(cells):
-                inner = gd / math.sqrt(gg * dd) if gg > 1e-9 else 0.0
-                unexplained = math.sqrt(max(gg - gd * gd / dd, 0.0) / len(cells)) / max(contrast, 1.0)
-    score = whole if inner is None else 0.5 * (whole + inner)
-    return Judgement(whole, inner, contrast, max(0.0, min(1.0, score)), unexplained)
-
-
-def check_judgement(judgement: Judgement, min_score: float) -> Rejection | None:
-    """Contrast and correlations against their limits."""
-    if judgement.contrast < MIN_CONTRAST:
-        text = f"contrast {judgement.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
+# ------------------------------------------------------------------------------------------------------------ edges
+def check_edges(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether the drawing's edges are there, contour by contour."""
+    names = [c.name for c in geometry.landmark.contours]
+    total = int(edges.confirmed.sum())
+    if total < FEWEST_POINTS:
+        return Rejection(Refusal.SIDES, f"{total} points of its sides are seen, under {FEWEST_POINTS}")
+    if edges.contrast < MIN_CONTRAST:
+        text = f"contrast {edges.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
         return Rejection(Refusal.CONTRAST, text)
-    if judgement.whole < min_score:
-        text = f"correlation with the drawn landmark {judgement.whole:.2f}, under {min_score:.2f}"
-        return Rejection(Refusal.CORRELATION, text)
-    if judgement.inner is not None and judgement.inner < MIN_INNER:
-        text = f"correlation inside the contours found {judgement.inner:.2f}, under {MIN_INNER:.2f}"
-        return Rejection(Refusal.INNER_CORRELATION, text)
+    if edges.share < MIN_SHARE:
+        text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE * 100:.0f}%"
+        return Rejection(Refusal.SIDES, text)
+    share = edges.confirmed / np.maximum(edges.in_view, 1)
+    judged = edges.in_view >= CONTOUR_POINTS
+    for k in np.flatnonzero(judged & (share < CONTOUR_MISSING)):
+        for other in (k - 1, k + 1):
+            if 0 <= other < len(share) and judged[other] and share[other] > NEIGHBOUR_WHOLE:
+                text = f"{names[k]} is not there ({share[k] * 100:.0f}% of its sides), though {names[other]} is"
+                return Rejection(Refusal.SIDES, text)
     return None
 
 
-def check_final(judgement: Judgement, small: bool) -> Rejection | None:
-    """The stricter limits that hold once the landmark is measured, or aligned (`small`)."""
-    if judgement.whole < FINAL_WHOLE:
-        text = f"correlation with the drawn landmark {judgement.whole:.2f}, under {FINAL_WHOLE:.2f}"
-        return Rejection(Refusal.CORRELATION, text)
-    if judgement.inner is None:
-        return None
-    limit = FINAL_INNER_SMALL if small else FINAL_INNER
-    if judgement.inner < limit:
-        text = f"correlation inside the contours found {judgement.inner:.2f}, under {limit:.2f}"
-        return Rejection(Refusal.INNER_CORRELATION, text)
-    if small and judgement.unexplained > UNEXPLAINED:
-        text = (
-            f"{judgement.unexplained * 100:.1f}% of the contrast inside the contours found is not as drawn, "
-            f"over {UNEXPLAINED * 100:.1f}%"
-        )
-        return Rejection(Refusal.INNER_CORRELATION, text)
-    return None
-
-
-def check_heading(
-    best: Judgement, second: Judgement, patch: Patch, turn: int, innermost: int, geometry: LandmarkGeometry
-) -> Rejection | None:
-    """Whether the best heading stands out from another, `turn` quarter turns away, as the drawing says it should."""
-    drawing = geometry.template(patch.sigma_cells).white
-    cells = _seen_cells(patch, geometry, innermost if best.inner is not None else None)
-    expected = 1.0 - correlation(np.rot90(drawing, turn).ravel()[cells], drawing.ravel()[cells])
-    mine = best.inner if best.inner is not None else best.whole
-    other = second.inner if second.inner is not None else second.whole
-    limit = HEADING_MARGIN * expected
-    if mine - other < limit:
-        text = f"heading open: correlation {mine:.2f} against {other:.2f} a turn away, closer than {limit:.2f}"
+def heading_is_open(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether the edges alone leave the heading open."""
+    turns = geometry.turns_visibly
+    seen, confirmed = int(edges.in_view[turns].sum()), int(edges.confirmed[turns].sum())
+    if confirmed < max(MIN_HEADING_POINTS, MIN_HEADING_SHARE * seen):
+        text = f"heading open: {confirmed} of {seen} points that would tell are as drawn"
         return Rejection(Refusal.HEADING, text)
     return None
+
+
+def check_inverted(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether black stands for white in one place and white for black in another."""
+    template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
+    cells = _seen(patch, geometry.cells(None))
+    white, grey = template.white.ravel()[cells], patch.grey.ravel()[cells]
+    black_cells, white_cells = white < 0.1, white > 0.9
+    if not (black_cells.any() and white_cells.any()):
+        return None
+    low, high = float(np.median(grey[black_cells])), float(np.median(grey[white_cells]))
+    if high - low < MIN_CONTRAST:
+        return Rejection(Refusal.CONTRAST, f"contrast {high - low:.0f} grey levels, under {MIN_CONTRAST:.0f}")
+    area = len(geometry.cells(None)) * geometry.square_part
+    too_white = float((grey[black_cells] > high - 0.3 * (high - low)).sum()) / area
+    too_black = float((grey[white_cells] < low + 0.3 * (high - low)).sum()) / area
+    if min(too_white, too_black) > INVERTED:
+        text = f"{too_white * 100:.1f}% is white for black and {too_black * 100:.1f}% black for white"
+        return Rejection(Refusal.CORRELATION, text)
+    return None
+
+
+# ---------------------------------------------------------------------------------------------------------- picture
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """How a drawing explains cells of a patch, with the light, blur and tone that suit it best.
+
+    Attributes:
+        correlation: Of the cells with what the drawing makes of them; 0 if black and white are the wrong way round.
+        left: Sum of squares that is left.
+        contrast: Grey levels from black to white.
+        model: (cells,) what it makes of them.
+    """
+
+    correlation: float
+    left: float
+    contrast: float
+    model: Array
+
+
+def _seen(patch: Patch, cells: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of the cells that lie in the image."""
+    return cells if patch.whole else cells[patch.seen.ravel()[cells]]
+
+
+def explain(grey: Array, template: Template, cells: NDArray[np.intp], few: bool = False) -> Explained:
+    """Fit a drawing's appearance to the grey (n,) of some cells; few: only black and white, for few cells."""
+    terms = template.appearance[cells]
+    terms = terms[:, [0, 8]] if few else terms
+    normal = terms.T @ terms
+    normal.flat[:: len(normal) + 1] += len(cells) * (1e-9 + 1e-3 * template.hold[[0, 8] if few else slice(None)])
+    solution = np.linalg.solve(normal, terms.T @ grey)
+    model = terms @ solution
+    off = grey - model
+    left = float(off @ off)
+    total = float(grey @ grey) - len(grey) * float(grey.mean()) ** 2
+    contrast = float(solution[0])
+    correlation = math.sqrt(max(0.0, 1.0 - left / total)) if total > 1e-6 and contrast > 0 else 0.0
+    return Explained(correlation, left, contrast, model)
+
+
+def check_picture(
+    patch: Patch, inside_of: int | None, geometry: LandmarkGeometry, least: float
+) -> tuple[Rejection | None, Explained | None]:
+    """Whether the drawing explains the patch, or what lies inside one of its contours, and no rival does as well.
+
+    Args:
+        patch: At the map in question.
+        inside_of: Only what lies inside this contour; None for all of it.
+        geometry: Of the landmark.
+        least: Smallest correlation.
+    """
+    template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
+    cells = _seen(patch, geometry.cells(inside_of))
+    if len(cells) < MIN_CELLS:
+        return None, None
+    grey = patch.grey.ravel()[cells]
+    few = inside_of is not None
+    best = explain(grey, template, cells, few)
+    refusal = Refusal.CORRELATION if inside_of is None else Refusal.INNER_CORRELATION
+    part = "" if inside_of is None else f" inside {geometry.landmark.contours[inside_of].name}"
+    if best.contrast < MIN_CONTRAST:
+        text = f"contrast{part} {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
+        return Rejection(Refusal.CONTRAST, text), best
+    if best.correlation < least:
+        text = f"correlation with the drawn landmark{part} {best.correlation:.2f}, under {least:.2f}"
+        return Rejection(refusal, text), best
+    flat = len(cells) * (FLAT_PART * best.contrast) ** 2
+    for rival in geometry.rivals(PSF_SIGMA_PX / patch.cell_px, inside_of):
+        expected = explain(best.model, rival.template, cells, few).left
+        if expected < flat and not rival.must_differ:
+            continue
+        found = explain(grey, rival.template, cells, few).left - best.left
+        if found < RIVAL_MARGIN * expected or expected < flat:
+            part_found = found / max(expected, 1e-9) * 100
+            text = f"could as well be the landmark {rival.name}: {part_found:.0f}% of the difference to expect"
+            return Rejection(Refusal.HEADING if rival.must_differ else refusal, text), best
+    return None, best

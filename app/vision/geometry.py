@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 import cv2
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.landmark import Landmark, gaps_m
+from app.landmark import Landmark, Shape, gaps_m
 
 SAMPLES_PER_SIDE = 10
 SIDE_MARGIN = 0.09
@@ -27,6 +29,10 @@ PATCH_EXTENT = 1.3
 """Its side, in sides of the outermost contour: the quiet zone shows, and a little of what lies round it."""
 JUDGED_EXTENT = 1.12
 """The middle part of it that is correlated: what lies beyond may be anything."""
+SURROUND = 8.0
+"""What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
+BLOB_GRID = PATCH // 2
+"""Samples along the patch of which small landmarks are told at a first glance."""
 FINE = 8
 """Points along a cell when the drawing is made."""
 
@@ -39,35 +45,95 @@ class Template:
         outside: (PATCH, PATCH) how much of it lies outside the quiet zone.
     """
 
-    def __init__(self, drawings: Array, more_blurred: Array) -> None:
+    def __init__(self, drawings: Array) -> None:
         self.white, self.outside = drawings
-        self._more = more_blurred - drawings
-        self._slopes: Array | None = None
+        self._slopes: tuple[Array, Array] | None = None
 
     @cached_property
-    def linear(self) -> Array:
-        """(cells, 4): white print, outside, more blur of the white print, one."""
-        flat = [self.white.ravel(), self.outside.ravel(), self._more[0].ravel(), np.ones(self.white.size)]
-        return np.column_stack(flat)
+    def _derivatives(self) -> Array:
+        """(2, 2, PATCH, PATCH) of white and outside by row and by column, per cell."""
+        return np.stack([np.stack(np.gradient(drawing)) for drawing in (self.white, self.outside)])
 
-    def slopes(self) -> Array:
-        """(2, cells, 8) derivatives of white and outside with respect to the terms of a homography (a b c; d e f; g h).
+    @cached_property
+    def appearance(self) -> Array:
+        """(cells, 9) what the grey of a patch is made of: white print; outside; half the second derivatives of the
+        white print by row twice, by column twice and by both; its tone curve's bend; its gradient forward and right;
+        one."""
+        by_row, by_column = self._derivatives[0]
+        row_row, row_column = np.gradient(by_row)
+        column_column = np.gradient(by_column)[1]
+        x, y = _cell_centres()
+        white = self.white.ravel()
+        inside = 1.0 - self.outside.ravel()
+        terms = [white, self.outside.ravel(), 0.5 * row_row.ravel(), 0.5 * column_column.ravel(), row_column.ravel()]
+        bend = 4.0 * white * (1.0 - white) * inside
+        return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
+
+    @cached_property
+    def hold(self) -> Array:
+        """(9,) how strongly each term of the appearance is held near 0 where only the appearance is fitted."""
+        return np.array([0.0, 0.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.0])
+
+    @cached_property
+    def trust(self) -> Array:
+        """(cells,) weights: what lies round the quiet zone may be anything."""
+        return np.asarray(1.0 / (1.0 + (SURROUND * self.outside.ravel()) ** 2), dtype=np.float64)
+
+    @cached_property
+    def design(self) -> Array:
+        """(8 + 8 + 9, cells): slopes of white, slopes of outside, appearance; all that a step of the alignment needs."""
+        return np.ascontiguousarray(np.concatenate([*(s.T for s in self.slopes()), self.appearance.T]))
+
+    @cached_property
+    def weighted_design(self) -> Array:
+        """design times trust."""
+        return np.ascontiguousarray(self.design * self.trust)
+
+    @cached_property
+    def gram(self) -> Array:
+        """(25, 25) weighted_design design^T of the whole patch."""
+        result: Array = self.weighted_design @ self.design.T
+        return result
+
+    def slopes(self) -> tuple[Array, Array]:
+        """(cells, 8) each: derivatives of white and outside by the terms of a homography (a b c; d e f; g h).
 
         Coordinates are half sides of the patch, forward and right; the drawing is sampled at the moved place.
         """
         if self._slopes is None:
             half = PATCH / 2.0
-            cell = 1.0 - (2.0 * np.arange(PATCH) + 1.0) / PATCH
-            x, y = (c.ravel() for c in np.meshgrid(cell, -cell, indexing="ij"))
+            x, y = _cell_centres()
             found = []
-            for drawing in (self.white, self.outside):
-                by_row, by_column = np.gradient(drawing)
+            for by_row, by_column in self._derivatives:
                 along, across = (-by_row * half).ravel(), (by_column * half).ravel()
                 radial = along * x + across * y
                 terms = [along * x, along * y, along, across * x, across * y, across, -radial * x, -radial * y]
                 found.append(np.column_stack(terms))
-            self._slopes = np.stack(found)
+            self._slopes = found[0], found[1]
         return self._slopes
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """Another drawing that the landmark must not be taken for.
+
+    Attributes:
+        name: What it is, for people.
+        template: As seen.
+        must_differ: Where it can't be told from the landmark, nothing is known: it is the landmark turned.
+    """
+
+    name: str
+    template: Template
+    must_differ: bool
+
+
+@cache
+def _cell_centres() -> tuple[Array, Array]:
+    """(cells,) forward and right of the cells, in half sides of the patch."""
+    cell = 1.0 - (2.0 * np.arange(PATCH) + 1.0) / PATCH
+    x, y = np.meshgrid(cell, -cell, indexing="ij")
+    return x.ravel(), y.ravel()
 
 
 @cache
@@ -139,9 +205,22 @@ class LandmarkGeometry:
         self.sides_m: Array = np.array([c.side_m for c in contours])
         self.size_m: float = landmark.size_m
         self.area_ratios: Array = np.array([landmark.area_ratio(k) for k in range(len(contours) - 1)])
-        self._templates: dict[int, Template] = {}
+        self.unit_m: float = 0.5 * landmark.size_m
+        flat = self.side_points.reshape(-1, 2) / self.unit_m
+        self.unit_points: Array = np.column_stack([flat, np.ones(len(flat))])
+        self.unit_tangents: Array = np.repeat(edge / length[:, None], SAMPLES_PER_SIDE, axis=0)
+        self.unit_gaps: Array = np.repeat(self.gap_m / self.unit_m, SAMPLES_PER_SIDE)
+        self.point_sign: Array = np.repeat(self.side_sign, SAMPLES_PER_SIDE)
+        self.point_contour: NDArray[np.intp] = np.repeat(self.corner_contour, SAMPLES_PER_SIDE)
+        self._templates: dict[tuple[int, int], Template] = {}
+        self._rivals: dict[tuple[int, int | None], list[Rival]] = {}
         self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
+
+    def point_slice(self, run: range) -> slice:
+        """The points along the sides of neighbouring contours."""
+        start, stop = self.slices[run.start].start, self.slices[run.stop - 1].stop
+        return slice(start * SAMPLES_PER_SIDE, stop * SAMPLES_PER_SIDE)
 
     @cached_property
     def centroids(self) -> Array:
@@ -175,8 +254,25 @@ class LandmarkGeometry:
         return tuple(a / b for a, b in itertools.pairwise(lengths))
 
     @cached_property
-    def _drawings(self) -> NDArray[np.float32]:
-        """(2, n, n) with FINE x FINE points a cell: 1 where white is printed; 1 outside the quiet zone."""
+    def turns_visibly(self) -> NDArray[np.bool_]:
+        """(contours,) whether a contour looks different when the landmark is turned by a quarter."""
+        round_m = 1e-6 * self.size_m
+        return np.array(
+            [c.shape is not Shape.SQUARE or float(np.abs(c.centroid_m).max()) > round_m for c in self.landmark.contours]
+        )
+
+    @cached_property
+    def square_part(self) -> float:
+        """Area of the outermost contour over that of the judged cells."""
+        cell_m = PATCH_EXTENT * self.size_m / PATCH
+        return self.landmark.contours[0].area_m2 / (cell_m**2 * len(self.cells(None)))
+
+    def _drawn(self, contours: Sequence[tuple[Array, bool]]) -> NDArray[np.float32]:
+        """(2, n, n) with FINE x FINE points a cell: 1 where white is printed; 1 outside the quiet zone.
+
+        Args:
+            contours: Corners (k, 2) and whether the inside is black, outermost first.
+        """
         n = FINE * PATCH
         half = 0.5 * PATCH_EXTENT * self.landmark.size_m
         at = half * (1.0 - (2.0 * np.arange(n) + 1.0) / n)
@@ -184,22 +280,92 @@ class LandmarkGeometry:
         points = np.column_stack([forward.ravel(), right.ravel()])
         outside = np.abs(points).max(axis=1) > 0.5 * self.landmark.quiet_zone_m
         white = ~outside
-        for contour in self.landmark.contours:
-            inside = gaps_to_points(contour.corners_m, points) > 0
-            white = np.where(inside, not contour.black, white)
+        for corners, black in contours:
+            white = np.where(gaps_to_points(corners, points) > 0, not black, white)
         return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
 
-    def template(self, sigma_cells: float) -> Template:
-        """The drawing as seen with a blur of that many cells (to the nearest eighth of an octave)."""
-        key = max(0, round(8.0 * math.log2(max(sigma_cells, 0.25) / 0.25)))
+    @cached_property
+    def _drawings(self) -> list[tuple[str, int, NDArray[np.float32]]]:
+        """The landmark first, then its variants: name, the outermost contour that differs, drawing of _drawn."""
+        own = [(c.corners_m, c.black) for c in self.landmark.contours]
+        found = [("as drawn", 0, self._drawn(own))]
+        for k, contour in enumerate(self.landmark.contours):
+            if k == 0:
+                continue
+            found.append((f"without {contour.name}", k, self._drawn(own[:k])))
+            if contour.shape is Shape.TRIANGLE:
+                turned = 2.0 * contour.centroid_m - contour.corners_m
+                changed = [*own[:k], (turned, contour.black), *own[k + 1 :]]
+                found.append((f"with {contour.name} upside down", k, self._drawn(changed)))
+        return found
+
+    def template(self, sigma_cells: float, variant: int = 0) -> Template:
+        """The drawing as seen with a blur of that many cells (to the nearest eighth of an octave).
+
+        Args:
+            sigma_cells: Standard deviation.
+            variant: 0 for the landmark, else a rival.
+        """
+        key = self._blur_key(sigma_cells), variant
         if key not in self._templates:
-            self._templates[key] = Template(*(self._blurred(0.25 * 2.0 ** ((key + more) / 8.0)) for more in (0, 1)))
+            self._templates[key] = Template(self._blurred(0.25 * 2.0 ** (key[0] / 8.0), variant))
         return self._templates[key]
 
-    def _blurred(self, sigma_cells: float) -> Array:
+    @staticmethod
+    def _blur_key(sigma_cells: float) -> int:
+        return max(0, round(8.0 * math.log2(max(sigma_cells, 0.25) / 0.25)))
+
+    def rivals(self, sigma_cells: float, inside_of: int | None) -> list[Rival]:
+        """What the picture inside a contour (None: all of it) must not be taken for, at a blur of that many cells."""
+        key = self._blur_key(sigma_cells), inside_of
+        if key not in self._rivals:
+            found: list[Rival] = []
+            if inside_of is None:
+                own = self.template(sigma_cells)
+                for quarters in (1, 2, 3):
+                    turned = Template(np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2)))
+                    found.append(Rival(f"turned by {90 * quarters} degrees", turned, True))
+            for variant, (name, k, _) in enumerate(self._drawings):
+                if variant > 0 and (inside_of is None or k > inside_of):
+                    found.append(Rival(name, self.template(sigma_cells, variant), False))
+            self._rivals[key] = found
+        return self._rivals[key]
+
+    @cached_property
+    def patch_part(self) -> float:
+        """Side of the patch in sides of the outermost contour."""
+        return PATCH_EXTENT
+
+    @cached_property
+    def _blob_cells(self) -> NDArray[np.bool_]:
+        """(BLOB_GRID, BLOB_GRID) samples that are compared: the quiet zone's inner part and what it holds."""
+        at = PATCH_EXTENT * (1.0 - (2.0 * np.arange(BLOB_GRID) + 1.0) / BLOB_GRID)
+        near = np.abs(at) < min(JUDGED_EXTENT, self.landmark.quiet_zone_m / self.size_m)
+        return np.asarray(near[:, None] & near)
+
+    @cached_property
+    def blob_grid(self) -> Array:
+        """(m, 2) those samples' places, forward and right, in half sides of the outermost contour."""
+        at = PATCH_EXTENT * (1.0 - (2.0 * np.arange(BLOB_GRID) + 1.0) / BLOB_GRID)
+        forward, right = np.meshgrid(at, -at, indexing="ij")
+        return np.column_stack([forward[self._blob_cells], right[self._blob_cells]])
+
+    def blob_templates(self, sigma_cells: float) -> Array:
+        """(4, m) the drawing at those samples, of mean 0 and length 1, turned so that its corner k takes the place of
+        the first one."""
+        white = self.template(sigma_cells).white
+        half = BLOB_GRID
+        small = white.reshape(half, PATCH // half, half, PATCH // half).mean(axis=(1, 3))
+        rows = np.stack([np.rot90(small, turn)[self._blob_cells] for turn in range(4)])
+        rows -= rows.mean(axis=1, keepdims=True)
+        result: Array = rows / np.sqrt((rows * rows).sum(axis=1, keepdims=True))
+        return result
+
+    def _blurred(self, sigma_cells: float, variant: int) -> Array:
         """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
         sigma = sigma_cells * FINE
-        blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in self._drawings]
+        drawing = self._drawings[variant][2]
+        blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in drawing]
         cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
         return np.asarray(cells, dtype=np.float64)
 

@@ -83,6 +83,22 @@ def binarise(smooth: Image, threshold: int) -> Image:
     return np.asarray(binary, dtype=np.uint8)
 
 
+LOCAL_OFFSET_DN = 6.0
+"""A pixel counts as black if it is darker than its surroundings' mean by so much: noise and faint texture don't."""
+
+
+def local_binary(smooth: Image, window_px: int) -> Image:
+    """255 where the image is darker than the mean of a window round it, 0 elsewhere: what is black in light and shade.
+
+    Source: Bradley and Roth, "Adaptive thresholding using the integral image", 2007 (the idea).
+    """
+    side = max(3, window_px | 1)
+    binary = cv2.adaptiveThreshold(
+        smooth, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, LOCAL_OFFSET_DN
+    )
+    return np.asarray(binary, dtype=np.uint8)
+
+
 def grow(region: Region, margin_px: float, size_px: tuple[int, int]) -> Region:
     """A region with a margin, kept inside an image of (width, height)."""
     width, height = size_px

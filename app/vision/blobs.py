@@ -1,0 +1,114 @@
+"""Landmarks too small to show their contours: dark quadrangles (the outermost contour) and bright ones (its quiet zone)
+of a few pixels, compared with the drawing all at once. Each that resembles it gives hypotheses; nothing is confirmed
+here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from app.frames import Array
+from app.vision.camera_model import tangent_basis
+from app.vision.contours import Tree
+from app.vision.fit import homography
+from app.vision.geometry import PATCH
+from app.vision.patch import PSF_SIGMA_PX, View
+from app.vision.preprocess import Prepared
+
+SIDES_PX = (7.0, 56.0)
+"""Sides of the outermost contour that are looked for this way."""
+MIN_COMPACT = 0.04
+"""Area over squared number of contour pixels: 1/16 for an upright square, 1/8 for one on its corner."""
+MAX_ASPECT = 1.7
+MIN_FILLED = 0.68
+"""Area over that of the smallest rectangle round it."""
+MAX_BLOBS = 80
+MAX_MAPS = 4
+LIKENESS = 0.5
+"""Correlation with the drawing that is worth a closer look."""
+
+
+def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
+    """(n, 4, 2) corners in the frame of what may be the outermost contour, clockwise."""
+    reduction = prepared.reduction
+    grown = view.geometry.landmark.quiet_zone_m / view.geometry.size_m
+    low, high = 2.6 * SIDES_PX[0] / reduction, 4.4 * SIDES_PX[1] * grown / reduction
+    black = tree.black_inside
+    boxes: list[Array] = []
+    for k in np.flatnonzero((tree.length >= low) & (tree.length <= high)):
+        points = tree.points[k]
+        area = cv2.contourArea(points)
+        if area < MIN_COMPACT * len(points) ** 2:
+            continue
+        (u, v), (w, h), angle = cv2.minAreaRect(points)
+        if max(w, h) > MAX_ASPECT * min(w, h) + 1.0 or area < MIN_FILLED * w * h:
+            continue
+        # A contour runs through the middles of black pixels.
+        pad = 1.0 if black[k] else -1.0
+        scale = 1.0 if black[k] else 1.0 / grown
+        w, h = (w + pad) * scale, (h + pad) * scale
+        if min(w, h) * reduction < SIDES_PX[0] or max(w, h) * reduction > SIDES_PX[1]:
+            continue
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        a, b = np.array([c * w, s * w]) / 2.0, np.array([-s * h, c * h]) / 2.0
+        middle = np.array([u, v])
+        boxes.append(np.stack([middle - a - b, middle + a - b, middle + a + b, middle - a + b]))
+        if len(boxes) == MAX_BLOBS:
+            break
+    return prepared.to_frame(np.stack(boxes)) if boxes else np.zeros((0, 4, 2))
+
+
+def _likeness(boxes: Array, view: View) -> Array:
+    """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th."""
+    geometry = view.geometry
+    at = geometry.blob_grid
+    middle = boxes.mean(axis=1)
+    forward, right = 0.5 * (boxes[:, 0] - boxes[:, 3]), 0.5 * (boxes[:, 1] - boxes[:, 0])
+    px = middle[:, None] + at[:, :1] * forward[:, None] + at[:, 1:] * right[:, None] - view.origin
+    px32 = px.astype(np.float32)
+    grey = cv2.remap(view.image, px32[..., 0], px32[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values = grey.astype(np.float64)
+    values -= values.mean(axis=1, keepdims=True)
+    values /= np.sqrt((values * values).sum(axis=1, keepdims=True)) + 1e-9
+    side = np.sqrt((forward**2).sum(axis=1)) + np.sqrt((right**2).sum(axis=1))
+    found = np.zeros((len(boxes), 4))
+    classes = np.round(2.0 * np.log2(side)).astype(int)
+    for size in np.unique(classes):
+        mine = classes == size
+        cell_px = 2.0 ** (size / 2.0) * geometry.patch_part / PATCH
+        found[mine] = values[mine] @ geometry.blob_templates(PSF_SIGMA_PX / cell_px).T
+    return found
+
+
+def blobs(tree: Tree, prepared: Prepared, view: View) -> list[tuple[list[Array], Array]]:
+    """Hypotheses, the most alike first: maps rays_from_pad (3, 3) that differ in the heading, and the box (4, 2)."""
+    boxes = _boxes(tree, prepared, view)
+    if not len(boxes):
+        return []
+    alike = _likeness(boxes, view)
+    order = np.argsort(-alike.max(axis=1))[:MAX_MAPS]
+    found: list[tuple[list[Array], Array]] = []
+    for k in order:
+        if alike[k].max() < LIKENESS:
+            break
+        maps = [m for turn in np.argsort(-alike[k])[:2] if (m := _map(boxes[k], int(turn), view)) is not None]
+        if maps:
+            found.append((maps, boxes[k]))
+    return found
+
+
+def _map(box: Array, turn: int, view: View) -> Array | None:
+    """(3, 3) rays_from_pad with the outermost contour's corner `turn` on the first corner of the box."""
+    geometry = view.geometry
+    rays = view.lens.rays(box)
+    if not np.isfinite(rays).all():
+        return None
+    basis = tangent_basis(rays.sum(axis=0))
+    flat = rays @ basis.T
+    corners = np.roll(geometry.corners[geometry.slices[0]], -turn, axis=0)
+    matrix = homography(corners, flat[:, :2] / flat[:, 2:])
+    return None if matrix is None else np.asarray(basis.T @ matrix)
+

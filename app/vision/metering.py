@@ -1,0 +1,171 @@
+"""What a frame says of the light: the grey levels of the pad's white and black, and the middle grey of the picture.
+
+The pad is sampled at points of the drawing, well inside its black and its white, that the detection's plane puts into
+the image. It decides nothing; exposure.py does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frames import Array
+from app.landmark import Landmark
+from app.messages import Detection, Frame, Image
+from app.vision.camera_model import Lens
+
+GRID = 56
+"""Points along a side of the drawing; as many of each colour as there are, the ones far from edges first."""
+SAMPLES_MAX = 400
+"""Of each colour."""
+EDGE_PX = 1.5
+"""Nearer to an edge a pixel is mixed, by the lens's blur and a little motion."""
+SAMPLES_MIN = 12
+"""Fewer of a colour that are free of edges, and the ones farthest from edges are taken instead: a small pad."""
+WHITE_PERCENTILE = 70.0
+BLACK_PERCENTILE = 30.0
+"""Of the white, so much may lie under glare, and of the black too, without a say; in the same way a shadow over most
+of the pad leaves the say to the lit white, that it must not saturate."""
+SATURATED = 250
+"""Grey level from which the sensor may have had more light than it tells."""
+MIDDLE_STEP = 4
+"""The picture is metered on every fourth pixel of its middle half."""
+
+
+@dataclass(frozen=True, slots=True)
+class PadLight:
+    """The pad's grey levels in one frame.
+
+    Attributes:
+        white: Of its lit white.
+        black: Of its black.
+        saturated: Share of the white that is saturated.
+        centre_px: (2,) where its middle is in the image.
+        cover: Its area over that of the picture's metered middle, whether it lies there or not.
+    """
+
+    white: float
+    black: float
+    saturated: float
+    centre_px: Array
+    cover: float
+
+
+def middle_grey(image: Image) -> float:
+    """The median grey level of a picture's middle half: neither the sky in a fisheye's corners nor a glare moves it."""
+    height, width = image.shape[:2]
+    part = image[height // 4 : 3 * height // 4 : MIDDLE_STEP, width // 4 : 3 * width // 4 : MIDDLE_STEP]
+    if part.ndim == 3:
+        part = np.asarray(cv2.cvtColor(np.ascontiguousarray(part), cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    return float(np.median(part))
+
+
+class PadMeter:
+    """Reads the pad's grey levels.
+
+    Args:
+        landmark: On the pad.
+        lens: Of the camera.
+    """
+
+    def __init__(self, landmark: Landmark, lens: Lens) -> None:
+        self._landmark = landmark
+        self._lens = lens
+        self._white, self._black = _sample_points(landmark)
+
+    def read(self, frame: Frame, detection: Detection) -> PadLight | None:
+        """The pad's light; None if the pad isn't in the frame, or too little of it to tell."""
+        plane = self._plane(detection)
+        if plane is None:
+            return None
+        centre, px_per_m = self._scale(plane)
+        if centre is None:
+            return None
+        white = self._grey(frame.image, plane, self._white, EDGE_PX / px_per_m)
+        black = self._grey(frame.image, plane, self._black, EDGE_PX / px_per_m)
+        if white.size < SAMPLES_MIN or black.size < SAMPLES_MIN:
+            return None
+        return PadLight(
+            float(np.percentile(white, WHITE_PERCENTILE)),
+            float(np.percentile(black, BLACK_PERCENTILE)),
+            float(np.mean(white >= SATURATED)),
+            centre,
+            4.0 * (self._landmark.quiet_zone_m * px_per_m) ** 2 / (frame.image.shape[0] * frame.image.shape[1]),
+        )
+
+    def _plane(self, detection: Detection) -> Array | None:
+        """(3, 3) rays_from_pad: the detection's own, or a fit of it to the corners (direct linear transform)."""
+        if detection.plane is not None:
+            return detection.plane.rays_from_pad
+        if not detection.detected:
+            return None
+        px = np.concatenate([seen.corners_px for seen in detection.contours])
+        pad = np.concatenate([self._landmark.contours[seen.index].corners_m for seen in detection.contours])
+        rays = self._lens.rays(px)
+        if not np.isfinite(rays).all():
+            return None
+        unit = self._landmark.size_m
+        points = np.column_stack([pad / unit, np.ones(len(pad))])
+        # ray x (H p) = 0, two rows of it for each point; the third depends on them.
+        zero = np.zeros_like(points)
+        x, y, z = (rays[:, k : k + 1] for k in range(3))
+        rows = np.concatenate([np.hstack([zero, -z * points, y * points]), np.hstack([z * points, zero, -x * points])])
+        found: Array = np.linalg.svd(rows)[2][-1].reshape(3, 3) / np.array([unit, unit, 1.0])
+        return found if float(rays[0] @ found @ (*pad[0], 1.0)) > 0.0 else -found
+
+    def _scale(self, plane: Array) -> tuple[Array | None, float]:
+        """The pad's middle in the image, and pixels a metre there (the smaller of both directions)."""
+        step = 0.05 * self._landmark.size_m
+        points = np.array([[0.0, 0.0, 1.0], [step, 0.0, 1.0], [0.0, step, 1.0]])
+        px, seen = self._lens.project(points @ plane.T)
+        if not seen.all():
+            return None, 1.0
+        along = np.linalg.norm(px[1:] - px[0], axis=1) / step
+        return px[0], max(float(along.min()), 1e-6)
+
+    def _grey(self, image: Image, plane: Array, points: Array, margin_m: float) -> NDArray[np.uint8]:
+        """Grey levels at points (n, 3) forward, right, distance to the nearest edge, the farthest first."""
+        free = int(np.searchsorted(-points[:, 2], -margin_m))
+        free = min(len(points), max(free, 4 * SAMPLES_MIN))
+        # Evenly from all that are free of edges, so that the samples lie all over the pad.
+        chosen = points[np.linspace(0, free - 1, min(SAMPLES_MAX, free)).astype(np.intp)]
+        homogeneous = np.column_stack([chosen[:, :2], np.ones(len(chosen))])
+        px, seen = self._lens.project(homogeneous @ plane.T)
+        height, width = image.shape[:2]
+        inside = seen & (px > -0.5).all(axis=1) & (px[:, 0] < width - 0.5) & (px[:, 1] < height - 0.5)
+        at = np.rint(px[inside]).astype(np.intp)
+        grey: NDArray[np.uint8] = image[at[:, 1], at[:, 0]]
+        if grey.ndim == 2:
+            grey = np.asarray(np.rint(grey @ np.array([0.114, 0.587, 0.299])), dtype=np.uint8)
+        return grey
+
+
+def _sample_points(landmark: Landmark) -> tuple[Array, Array]:
+    """White and black points (n, 3): forward, right, distance to the nearest edge, m; the farthest from edges first."""
+    half = 0.5 * landmark.quiet_zone_m
+    line = (np.arange(GRID) + 0.5) / GRID * 2.0 * half - half
+    points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    black = np.zeros(len(points), dtype=bool)
+    distance = half - np.abs(points).max(axis=1)
+    for contour in landmark.contours:
+        depth = _depth_m(contour.corners_m, points)
+        black[depth > 0.0] = contour.black
+        distance = np.minimum(distance, np.abs(depth))
+    table = np.column_stack([points, distance])
+    table = table[np.argsort(-distance, kind="stable")]
+    dark = black[np.argsort(-distance, kind="stable")]
+    return table[~dark], table[dark]
+
+
+def _depth_m(corners: Array, points: Array) -> Array:
+    """(n,) how deep points lie in a convex outline (clockwise from above): the distance to its nearest side.
+
+    Outside it is negative, and no farther from zero than the distance.
+    """
+    along = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    depth: Array = (points @ inward.T - np.sum(inward * corners, axis=1)).min(axis=1)
+    return depth

@@ -1,0 +1,333 @@
+"""The whole landmark fitted to its edges in the image: where the grey crosses from black to white along every side of
+the drawing that is in view, and the one map of the pad's plane that explains all of these crossings, robustly.
+
+Each point along a side has its own black and white, so a shadow or a glare that crosses the landmark moves nothing.
+Blur, exposure and print make all black a little large or small together; contours that are black inside and those that
+are white inside feel it with opposite signs, so it is one more unknown of the fit and doesn't act on the scale.
+
+It owns measurement and fit; what is good enough is judged elsewhere.
+Source: Drummond and Cipolla, "Real-time visual tracking of complex structures", 2002 (edges searched along normals);
+Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frames import Array
+from app.messages import Image
+from app.vision.camera_model import Lens
+from app.vision.geometry import LandmarkGeometry
+from app.vision.preprocess import Region
+
+STEPS = 9
+"""Grey values across a side."""
+_S = np.linspace(-1.0, 1.0, STEPS)
+_S32 = _S.astype(np.float32)
+_HALF = STEPS // 2
+FINE_REACH_PX = 2.2
+"""How far they reach from an edge known to a fraction of a pixel: over the blur of lens and pixel."""
+ROOM_PART = 0.45
+"""Of the distance to the nearest other edge of the drawing: so far to each side is looked."""
+WIDE_PX = 2.0
+"""With this much room black and white are seen as they are."""
+NARROWEST_PX = 1.2
+"""A side with less room is not measured."""
+MIN_CONTRAST = 8.0
+CONTRAST_PART = 0.2
+"""An edge must have this part of the median contrast of all: in the shade it is fainter."""
+AGREES_PX = 0.8
+AGREES_PART = 0.006
+"""An edge point is confirmed if it lies this near to the fit, and this part of the outer side in addition (bent prints,
+lens errors)."""
+BIAS_SIGMA_PX = 0.3
+"""What all black may be large by, in the image."""
+SCATTER_MIN_PX = 0.05
+"""Edge points never are better than this."""
+CUTOFF = 3.0
+"""Tukey's biweight ends at this many times the scatter."""
+HOLD_PERSPECTIVE = 0.02
+"""Holds the two perspective terms unless the edges say otherwise, as a part of the information on the shift."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """What a fit saw along the sides.
+
+    Attributes:
+        in_view: (contours,) points whose surroundings lie in the image and can be resolved.
+        confirmed: (contours,) those of them that show the edge where the fit puts it, with the drawing's sign.
+        contrast: Median step of grey across the confirmed edges.
+        level: Median grey half way up them.
+        scatter_px: Root mean square distance of the confirmed points from the fit.
+        step_px: Largest move of an edge in the last step.
+        side_px: Side of the outermost contour in the image, about.
+    """
+
+    in_view: NDArray[np.intp]
+    confirmed: NDArray[np.intp]
+    contrast: float
+    level: float
+    scatter_px: float
+    step_px: float
+    side_px: float
+
+    @property
+    def share(self) -> float:
+        """Part of all points in view that are confirmed."""
+        return float(self.confirmed.sum()) / max(1, int(self.in_view.sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeFit:
+    """The plane and what it rests on.
+
+    Attributes:
+        rays_from_pad: (3, 3), see app.messages.PlaneFit.
+        information: (8, 8), see there.
+        edges: What was seen.
+    """
+
+    rays_from_pad: Array
+    information: Array
+    edges: Edges
+
+
+def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Where profiles (n, STEPS) that rise from black to white cross a level (n,), in -1..1, nearest to the middle, and
+    whether they do."""
+    below = rising < level[:, None]
+    crosses = below[:, :-1] & ~below[:, 1:]
+    # The crossing nearest to the middle: intervals in the order of their distance from it.
+    order = crosses[:, _NEAREST]
+    first = order.argmax(axis=1)
+    rows = np.arange(len(rising))
+    found = order[rows, first]
+    at = _NEAREST[first]
+    before, after = rising[rows, at], rising[rows, at + 1]
+    rise = np.where(found, after - before, 1.0)
+    where = _S[at] + (level - before) / rise * (2.0 / (STEPS - 1))
+    return where, found
+
+
+_NEAREST = np.argsort(np.abs(np.arange(STEPS - 1) - (_HALF - 0.5)), kind="stable")
+
+
+class _Points:
+    """Points along the sides of some neighbouring contours of a landmark."""
+
+    def __init__(self, geometry: LandmarkGeometry, run: range) -> None:
+        part = geometry.point_slice(run)
+        self.unit = geometry.unit_points[part]
+        self.tangent = geometry.unit_tangents[part]
+        self.gap = geometry.unit_gaps[part]
+        self.sign = geometry.point_sign[part]
+        self.contour = geometry.point_contour[part]
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """One look along the normals.
+
+    Attributes:
+        offset: (n,) pixels outward from where the map puts the edge to where it was seen.
+        found: (n,) whether it was.
+        in_view: (n,) whether it could have been.
+        jacobian: (n, 8) derivative of where the map puts it, along the normal, by d of PlaneFit.
+        contrast: (n,) grey levels.
+        level: (n,) grey half way up.
+        unit_px: Length of the unit of d in the image.
+    """
+
+    offset: Array
+    found: NDArray[np.bool_]
+    in_view: NDArray[np.bool_]
+    jacobian: Array
+    contrast: Array
+    level: Array
+    unit_px: float
+
+
+def _measure(
+    image: Image, origin: tuple[int, int], matrix: Array, points: _Points, lens: Lens, reach_px: float
+) -> _Measured:
+    """Look across the sides; matrix is rays_from_pad S of PlaneFit, origin the frame's pixel that is image[0, 0]."""
+    px, slope, valid = lens.project_with_jacobian(points.unit @ matrix.T)
+    plane = slope @ matrix[:, :2]
+    along = (plane @ points.tangent[:, :, None])[:, :, 0]
+    length = np.sqrt((along * along).sum(axis=1))
+    normal = np.empty_like(along)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal[:, 0], normal[:, 1] = along[:, 1] / length, -along[:, 0] / length
+        area = plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0]
+        room = np.abs(area) / length * points.gap * ROOM_PART
+        reach = np.minimum(room, reach_px)
+    height, width = image.shape
+    at = (px - origin).astype(np.float32)
+    step = (normal * reach[:, None]).astype(np.float32)
+    u = at[:, :1] + step[:, :1] * _S32
+    v = at[:, 1:] + step[:, 1:] * _S32
+    ends_u, ends_v = np.abs(2.0 * u[:, ::_SPAN] - (width - 1)), np.abs(2.0 * v[:, ::_SPAN] - (height - 1))
+    in_view = valid & (room >= NARROWEST_PX) & (ends_u.max(axis=1) <= width - 1) & (ends_v.max(axis=1) <= height - 1)
+    if not valid.all():
+        u, v = np.nan_to_num(u, nan=-10.0), np.nan_to_num(v, nan=-10.0)
+    grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    rising = grey * points.sign[:, None]
+    low, high = rising[:, : _HALF + 1].min(axis=1), rising[:, _HALF:].max(axis=1)
+    contrast = high - low
+    level = 0.5 * (low + high)
+    wide = room >= WIDE_PX
+    clear = in_view & wide & (contrast >= MIN_CONTRAST)
+    if not wide.all() and clear.any():
+        # A band of two or three pixels never gets as black or as white as it is; its edges still cross the middle.
+        middle = _median((points.sign * level)[clear])
+        held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
+        level = np.where(wide, level, held)
+    where, crosses = _crossings(rising, level)
+    found = in_view & crosses & (contrast >= MIN_CONTRAST)
+    if found.any():
+        found &= contrast >= CONTRAST_PART * _median(contrast[found])
+    offset = np.where(found, where * reach, 0.0)
+    by_ray = (normal[:, None] @ slope)[:, 0] @ matrix
+    jacobian = (by_ray[:, :, None] * points.unit[:, None, :]).reshape(-1, 9)[:, :8]
+    if not in_view.all():
+        jacobian = np.where(in_view[:, None], jacobian, 0.0)
+    unit_px = math.sqrt(float(np.abs(area[in_view]).mean())) if in_view.any() else 0.0
+    return _Measured(offset, found, in_view, jacobian, contrast, level * points.sign, unit_px)
+
+
+_SPAN = STEPS - 1
+
+
+def _median(values: Array) -> float:
+    """The upper median; 0 of nothing. For so few values a sort is faster than numpy's median."""
+    return float(np.sort(values)[len(values) // 2]) if len(values) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """One solution of the linear problem.
+
+    Attributes:
+        d: (8,) the warp.
+        residual: (n,) what it leaves, pixels.
+        weight: (n,) robust weights.
+        scatter_px: Of the points that count.
+        information: (8, 8).
+    """
+
+    d: Array
+    residual: Array
+    weight: Array
+    scatter_px: float
+    information: Array
+
+
+def _solve(measured: _Measured, sign: Array, rounds: int) -> _Step | None:
+    """Robust least squares for the warp and the common error of all black; None where the points determine nothing."""
+    rows = np.empty((len(measured.offset), 9))
+    rows[:, :8] = measured.jacobian
+    rows[:, 8] = sign
+    weight = measured.found.astype(np.float64)
+    count = float(weight.sum())
+    if count < 9:
+        return None
+    residual = measured.offset
+    scatter = max(SCATTER_MIN_PX, 1.5 * _median(np.abs(residual[measured.found])))
+    solution = np.zeros(9)
+    normal = np.zeros((9, 9))
+    for _ in range(rounds):
+        weighted = rows * weight[:, None]
+        normal = weighted.T @ rows
+        held = normal.copy()
+        hold = HOLD_PERSPECTIVE * (normal[2, 2] + normal[5, 5])
+        held[6, 6] += hold
+        held[7, 7] += hold
+        held[8, 8] += (scatter / BIAS_SIGMA_PX) ** 2
+        held.flat[::10] += 1e-9 * count
+        try:
+            solution = np.asarray(np.linalg.solve(held, weighted.T @ measured.offset), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return None
+        residual = measured.offset - rows @ solution
+        scatter = max(SCATTER_MIN_PX, 1.5 * _median(np.abs(residual[measured.found])))
+        t = residual * (1.0 / (CUTOFF * scatter))
+        weight = np.where(measured.found, np.maximum(0.0, 1.0 - t * t) ** 2, 0.0)
+    total = float(weight.sum())
+    if total < 9 or not math.isfinite(total):
+        return None
+    spread = math.sqrt(float(weight @ (residual * residual)) / total * count / max(1.0, count - 9.0))
+    variance = max(spread, SCATTER_MIN_PX) ** 2
+    bias = normal[8, 8] + variance / BIAS_SIGMA_PX**2
+    information = (normal[:8, :8] - np.outer(normal[:8, 8], normal[8, :8]) / bias) / variance
+    return _Step(solution[:8], residual, weight, spread, information)
+
+
+def warp(d: Array) -> Array:
+    """(3, 3) W(d) of PlaneFit."""
+    return np.array([[1.0 + d[0], d[1], d[2]], [d[3], 1.0 + d[4], d[5]], [d[6], d[7], 1.0]])
+
+
+def fit_edges(
+    image: Image,
+    rays_from_pad: Array,
+    geometry: LandmarkGeometry,
+    lens: Lens,
+    run: range,
+    reach_px: tuple[float, ...],
+    origin: tuple[int, int] = (0, 0),
+) -> EdgeFit | None:
+    """Fit the drawing to its edges, from a map that is nearly right.
+
+    Args:
+        image: (height, width) grey of the frame, or of a region of it.
+        rays_from_pad: (3, 3) where to begin.
+        geometry: Of the landmark.
+        lens: Of the camera.
+        run: Contours to begin with; in each further step their neighbours are taken in too.
+        reach_px: For each step, how far from the map an edge may be.
+        origin: (u0, v0) of the region.
+
+    Returns:
+        The fit, with what the last step saw of all contours of the landmark that it had taken in; None where nothing
+        holds it.
+    """
+    unit_m = geometry.unit_m
+    scale = np.array([unit_m, unit_m, 1.0])
+    matrix = rays_from_pad * scale
+    count = len(geometry.landmark.contours)
+    points = _Points(geometry, run)
+    measured: _Measured | None = None
+    solved: _Step | None = None
+    moved = 0.0
+    for k, reach in enumerate(reach_px):
+        if k > 0 and (run.start > 0 or run.stop < count):
+            run = range(max(0, run.start - 1), min(count, run.stop + 1))
+            points = _Points(geometry, run)
+        measured = _measure(image, origin, matrix, points, lens, reach)
+        solved = _solve(measured, points.sign, 3)
+        if solved is None or not float(np.abs(solved.d).max()) < 0.5:
+            return None
+        matrix = matrix @ warp(solved.d)
+        moved = float(np.abs(measured.jacobian @ solved.d).max())
+    if measured is None or solved is None:
+        return None
+    limit = AGREES_PX + AGREES_PART * 2.0 * measured.unit_px
+    good = measured.found & (np.abs(solved.residual) <= limit)
+    in_view = np.bincount(points.contour[measured.in_view], minlength=count)
+    confirmed = np.bincount(points.contour[good], minlength=count)
+    edges = Edges(
+        in_view,
+        confirmed,
+        _median(measured.contrast[good]),
+        _median(measured.level[good]),
+        solved.scatter_px,
+        moved,
+        2.0 * measured.unit_px,
+    )
+    return EdgeFit(matrix / scale, solved.information, edges)
