@@ -88,7 +88,7 @@ class CameraConfig(Section):
     lens: str = Field(description="camera file, relative to this one")
     source: str = Field(default="", description="opencv: device number, file or URL; synthetic: set by the program")
     frame_rate_hz: float = Field(default=30.0, ge=1.0, le=240.0)
-    exposure_max_ms: float = Field(default=8.0, gt=0.0, le=100.0, description="picamera2: longest exposure")
+    exposure_max_ms: float = Field(default=8.0, gt=0.0, le=100.0, description="longest exposure, steered or automatic")
     readout_ms: float = Field(
         default=0.0, ge=0.0, le=100.0, description="picamera2: rolling shutter, first row to last; 0 for a global one"
     )
@@ -97,6 +97,27 @@ class CameraConfig(Section):
     mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: tilted to its image's left")
     position_body_m: Vector = Field(default=(0.0, 0.0, 0.05), description="forward, right, down of the body origin")
     latency_s: float = Field(default=0.0, ge=0.0, le=1.0, description="subtracted from arrival where no sensor time is")
+
+
+class ExposureConfig(Section):
+    """[exposure]: steering the camera's exposure by the pad's own contrast. Grey levels are of 255."""
+
+    steer: bool = Field(default=True, description="false: the camera exposes by itself")
+    white_level: int = Field(default=205, ge=80, le=240, description="grey level that the pad's white is brought to")
+    black_level: int = Field(default=16, ge=0, le=80, description="the pad's black is lifted above this, if white can")
+    picture_level: int = Field(default=80, ge=20, le=200, description="middle grey of the picture before a pad is seen")
+    blur_max_px: float = Field(default=1.5, gt=0, le=20, description="longest way of the pad's image in an exposure")
+    gain_max: float = Field(default=8.0, ge=1, le=64, description="largest gain; the camera's own limit holds too")
+    dead_band: float = Field(default=0.08, ge=0.02, le=0.5, description="share of the light that isn't corrected")
+    response_gamma: float = Field(
+        default=2.2, ge=1, le=3, description="light = (grey / 255) ^ gamma; a wrong one only takes a step longer"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ExposureConfig:
+        if not self.black_level < self.picture_level < self.white_level:
+            raise ValueError("black_level < picture_level < white_level is needed")
+        return self
 
 
 # ------------------------------------------------------------------------------------------------------------ links
@@ -229,6 +250,33 @@ class PadMotionConfig(Section):
     deck_m: float = Field(default=1.2, gt=0, le=20, description="side of the square that can be landed on")
 
 
+class LightChange(Section):
+    """A change of the simulated daylight: a cloud, an edge of shadow, dusk."""
+
+    at_s: float = Field(ge=0, le=36000, description="since the camera's first frame")
+    level: float = Field(gt=0, le=100, description="of the light afterwards; 1: noon")
+    over_s: float = Field(default=0.0, ge=0, le=36000, description="how long it takes; 0: at once")
+
+
+class LightConfig(Section):
+    """The simulated daylight."""
+
+    level: float = Field(default=1.0, gt=0, le=100, description="1: noon; 0.1: a dull day; 0.002: dusk, 200 lux")
+    changes: tuple[LightChange, ...] = Field(default=(), max_length=1000, description="in the order of their times")
+    glare: float = Field(
+        default=0.0, ge=0, le=100, description="the sun mirrored in wet ground and glossy print; 1: as bright as white"
+    )
+    glare_width_deg: float = Field(
+        default=4.0, gt=0, le=45, description="half width of that spot, seen from the camera"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> LightConfig:
+        if any(b.at_s < a.at_s + a.over_s for a, b in zip(self.changes, self.changes[1:], strict=False)):
+            raise ValueError("each of the light's changes must begin after the one before has ended")
+        return self
+
+
 class WorldConfig(Section):
     """[simulator]: what is simulated. The application never reads this."""
 
@@ -241,9 +289,11 @@ class WorldConfig(Section):
     wind_from_deg: float = Field(default=270.0, ge=-360, le=360)
     sun_elevation_deg: float = Field(default=50.0, ge=5, le=90)
     sun_azimuth_deg: float = Field(default=200.0, ge=-360, le=360)
-    noise_dn: float = Field(default=2.0, ge=0, le=50, description="image noise, 1 sigma, of 255")
+    noise_dn: float = Field(default=2.0, ge=0, le=50, description="image noise at gain 1, 1 sigma, of 255")
     camera_latency_s: float = Field(default=0.035, ge=0, le=1, description="mid-exposure to the application")
-    exposure_ms: float = Field(default=2.0, gt=0, le=30)
+    exposure_ms: float = Field(default=2.0, gt=0, le=30, description="while nobody steers it; its gain is automatic")
+    exposure_delay_frames: int = Field(default=3, ge=0, le=30, description="until the camera does what it is told")
+    light: LightConfig = LightConfig()
     motion: PadMotionConfig = PadMotionConfig()
 
 
@@ -255,6 +305,7 @@ class RigConfig(Section):
     autopilot: AutopilotConfig = AutopilotConfig()
     operator: OperatorConfig = OperatorConfig()
     vision: VisionConfig = VisionConfig()
+    exposure: ExposureConfig = ExposureConfig()
     estimation: EstimationConfig = EstimationConfig()
     guidance: GuidanceConfig = GuidanceConfig()
     mission: MissionConfig = MissionConfig()

@@ -28,6 +28,7 @@ class Frame:
         image: (height, width) uint8 grey, or (height, width, 3) uint8 BGR.
         exposure_s: Exposure time, where known.
         name: The file (and frame in it) it came from, or "".
+        gain: What the sensor's signal was amplified by, where known.
     """
 
     t_capture_s: float
@@ -35,6 +36,64 @@ class Frame:
     image: Image
     exposure_s: float | None = None
     name: str = ""
+    gain: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureLimits:
+    """What a camera can be told.
+
+    Attributes:
+        exposure_min_s: Shortest exposure time.
+        exposure_max_s: Longest one that keeps the frame rate.
+        gain_min: Least gain.
+        gain_max: Largest gain; the same as gain_min where there is only one.
+    """
+
+    exposure_min_s: float
+    exposure_max_s: float
+    gain_min: float = 1.0
+    gain_max: float = 1.0
+
+
+class LightSource(StrEnum):
+    """What an exposure was worked out from."""
+
+    START = "start"
+    """Nothing yet: a place to begin, for a camera that doesn't tell what it does by itself."""
+    PAD = "pad"
+    """The white and the black of the pad."""
+    PICTURE = "picture"
+    """The whole picture: the pad is not seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureCommand:
+    """What the camera was told, and why; told only when it changes.
+
+    Attributes:
+        t_s: When.
+        sequence: Of the frame that it was worked out from.
+        exposure_s: Exposure time.
+        gain: Gain.
+        source: What it rests on.
+        white: Grey level of the pad's white in that frame, None if not seen.
+        black: Grey level of its black.
+        saturated: Share of the pad's white that is saturated.
+        picture: Middle grey level of the picture.
+        motion_px_s: How fast the pad moves in the image; None if not known.
+    """
+
+    t_s: float
+    sequence: int
+    exposure_s: float
+    gain: float
+    source: LightSource
+    white: float | None = None
+    black: float | None = None
+    saturated: float = 0.0
+    picture: float = 0.0
+    motion_px_s: float | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------- vision

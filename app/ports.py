@@ -13,6 +13,7 @@ from typing import Any, Protocol, Self
 from app.messages import (
     AutopilotAction,
     CommandAnswer,
+    ExposureLimits,
     Frame,
     OperatorCommand,
     OperatorText,
@@ -35,8 +36,32 @@ class Port(Protocol):
         ...
 
 
+class ExposureControl(Protocol):
+    """A camera whose exposure can be told. What it really did is in each frame: exposure_s and gain, or None there
+    while that isn't known; a change takes a few frames. Until it is told, it exposes by itself.
+    """
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """What it can be told; beyond them it does what comes nearest."""
+        ...
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        """Expose so from now on. Never waits; a fault of the camera shows in its frames."""
+        ...
+
+    def set_auto(self) -> None:
+        """Expose by itself again. Never waits."""
+        ...
+
+
 class Camera(Port, Protocol):
     """A source of frames. Opening raises CameraError."""
+
+    @property
+    def exposure_control(self) -> ExposureControl | None:
+        """How its exposure is told; None: it can't be (a stream, a file, a device without). Known once it is open."""
+        ...
 
     def frames(self) -> AsyncIterator[Frame]:
         """Frames as they come, each with its mid-exposure time; only the newest is kept for a slow reader.

@@ -29,6 +29,7 @@ from app.messages import (
     CommandAnswer,
     ControlTurn,
     Detection,
+    ExposureCommand,
     Frame,
     GoalOrder,
     GuidanceStatus,
@@ -48,17 +49,21 @@ from app.tasks.camera import run_camera
 from app.tasks.compute import Compute
 from app.tasks.control import run_control
 from app.tasks.detection import run_detection
+from app.tasks.exposure import run_exposure
 from app.tasks.mission import MissionQueues, MissionSettings, run_mission
 from app.tasks.operator import run_operator
 from app.tasks.pose import FixMaker, run_pose
 from app.tasks.recorder import Recorded, run_recorder
 from app.tasks.telemetry import run_telemetry
 from app.vision.detector import Detector
+from app.vision.exposure import ExposureSteering
 
 log = get_logger("runtime")
 
 T = TypeVar("T")
 
+METERED_FRAMES = 8
+"""Frames that wait for their detection, to be metered with it."""
 EXECUTOR_THREADS = 16
 """MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
 
@@ -77,6 +82,7 @@ class Parts:
         make_fix: Pose.
         clock: The time.
         compute: Where vision runs.
+        exposure: Steers the camera's exposure; None: the camera exposes by itself.
     """
 
     config: RigConfig
@@ -88,6 +94,7 @@ class Parts:
     make_fix: FixMaker
     clock: Clock
     compute: Compute
+    exposure: ExposureSteering | None = None
 
 
 class Application:
@@ -104,6 +111,7 @@ class Application:
         self._stop = asyncio.Event()
         self.frames: Topic[Frame] = Topic("frames")
         self.detections: Topic[Detection] = Topic("detections")
+        self.exposures: Topic[ExposureCommand] = Topic("exposures")
         self.fixes: Topic[PadFix] = Topic("fixes")
         self.tracks: Topic[PadTrack] = Topic("tracks")
         self.vehicle: Topic[VehicleState] = Topic("vehicle")
@@ -117,6 +125,8 @@ class Application:
         self._last_report = self.reports.subscribe()
         self._last_vehicle = self.vehicle.subscribe()
         self._last_frame = self.frames.subscribe()
+        self._metered_frames = self.frames.subscribe_window(METERED_FRAMES)
+        self._metered_detections = self.detections.subscribe()
         self._opened_camera: Camera | None = None
 
     def stop(self) -> None:
@@ -262,6 +272,7 @@ class Application:
     def _recorded(self) -> tuple[Recorded, ...]:
         topics: tuple[Topic[object], ...] = (  # type: ignore[assignment]  # a record takes every type
             self.detections,
+            self.exposures,
             self.fixes,
             self.tracks,
             self.vehicle,
@@ -288,7 +299,31 @@ class Application:
                 camera = await stack.enter_async_context(self._parts.camera())
             else:
                 stack.push_async_exit(camera)
-            await run_camera(camera=camera, frames=self.frames)
+            steering = asyncio.create_task(self._steer_exposure(camera), name="exposure")
+            try:
+                await run_camera(camera=camera, frames=self.frames)
+            finally:
+                steering.cancel()
+                await asyncio.gather(steering, return_exceptions=True)
+
+    async def _steer_exposure(self, camera: Camera) -> None:
+        """As long as this camera runs; a flight goes on without it."""
+        parts, control = self._parts, camera.exposure_control
+        if parts.exposure is None or control is None:
+            why = "the camera can't be told" if control is None else "exposure.steer is off"
+            log.info("exposure.automatic", why=why)
+            return
+        steer = partial(
+            run_exposure,
+            control=control,
+            frames=self._metered_frames,
+            detections=self._metered_detections,
+            commands=self.exposures,
+            steering=parts.exposure,
+            compute=parts.compute,
+            clock=parts.clock,
+        )
+        await self._supervise("exposure", steer, vital=False)
 
     async def _close_unused_camera(self) -> None:
         if self._opened_camera is not None:

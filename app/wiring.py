@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 
 from app.clock import MonotonicClock
-from app.config import LensConfig, PadConfig, RigConfig, VisionConfig, WorldConfig, read_config, resolve
+from app.config import CameraConfig, LensConfig, PadConfig, RigConfig, VisionConfig, WorldConfig, read_config, resolve
 from app.errors import ConfigError, OperatorError
 from app.estimation.fix import FixMaker, Method, pose_estimator
 from app.estimation.height_table import HeightTable, read_height_table
@@ -23,6 +23,7 @@ from app.runtime import Application, Parts
 from app.tasks.compute import InThread
 from app.vision.camera_model import Lens, lens_from_config
 from app.vision.detector import Detector
+from app.vision.exposure import ExposureSteering
 from drivers.autopilot.px4_mavsdk import Px4Autopilot
 from drivers.camera.images import open_sources
 from drivers.camera.opencv import OpenCvCamera
@@ -49,7 +50,10 @@ __all__ = [
     "load_rig",
     "load_shipped_rig",
     "make_camera",
+    "make_exposure",
     "make_links",
+    "open_camera",
+    "open_sources",
     "read_landmark",
     "read_lens",
     "tell",
@@ -168,6 +172,26 @@ def make_camera(rig: Rig, source: str | None = None) -> Camera:
             return SyntheticCamera(camera.source)
 
 
+def make_exposure(rig: Rig) -> ExposureSteering | None:
+    """What steers the camera's exposure; None if the rig leaves that to the camera."""
+    if not rig.config.exposure.steer:
+        return None
+    return ExposureSteering(
+        rig.landmark, rig.lens, rig.config.exposure, exposure_max_s=rig.config.camera.exposure_max_ms / 1e3
+    )
+
+
+def open_camera(what: str) -> Camera:
+    """A camera to calibrate: that of a rig file, or the device number or URL that OpenCV opens, as it comes.
+
+    Raises:
+        ConfigError: The rig file is wrong.
+    """
+    if what.endswith(".toml"):
+        return make_camera(load_rig(Path(what)))
+    return OpenCvCamera(CameraConfig(driver="opencv", lens="", source=what))
+
+
 def make_links(rig: Rig) -> tuple[Autopilot, OperatorLink]:
     """The rig's autopilot and the phone, neither open yet; the phone's is opened after the autopilot's."""
     autopilot = Px4Autopilot(rig.config.autopilot)
@@ -211,6 +235,7 @@ def build_application(rig: Rig, *, source: str | None = None, record: Path | Non
         ),
         clock=MonotonicClock(),
         compute=InThread(),
+        exposure=make_exposure(rig),
     )
     return Application(parts)
 

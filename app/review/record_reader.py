@@ -101,4 +101,5 @@ def _frame(fields: dict[str, Any]) -> Frame:
         image=image.astype(np.uint8, copy=False),
         exposure_s=fields["exposure_s"],
         name=str(fields["name"]),
+        gain=fields.get("gain"),  # records of before the gain was kept have none
     )

@@ -3,8 +3,8 @@
 Every reading is divided by the exposure that its own frame had: what is left is the light of the scene, which the
 command doesn't change. So a command that takes effect late can't make it swing, however late. With the pad in sight
 its white is brought to a set grey level; a pad so bright that its white saturates is read from its black. Without
-the pad the picture's middle grey stands in for it, by the ratio that the two had when the pad was last seen: at first as it
-was then, the pad still being in the picture; later as it was when the pad was small in it.
+the pad the picture's middle grey stands in for it, by the ratio that the two had: at first as it was when the pad was
+last seen (it will still be in the picture), later as it was when the pad was last small in the picture.
 Exposure time comes before gain (less noise) up to the time in which the pad's image moves a set way; gain gives the
 rest.
 """

@@ -1,6 +1,10 @@
 """Cameras that OpenCV opens: USB devices, network streams, and video files at their own pace. The Camera port.
 
 Frames are grey, as everywhere (decisions/0005).
+
+The exposure of a USB device can be told where its driver has both controls: V4L2 counts it in 0.1 ms and has no common
+unit of gain, so its gain stays as it is. OpenCV's set() says yes even if the driver refuses, so what counts is what is
+read back. A stream and a file can't be told.
 """
 
 from __future__ import annotations
@@ -18,11 +22,20 @@ import numpy as np
 
 from app.config import CameraConfig
 from app.errors import CameraError
-from app.messages import Frame
+from app.log import get_logger
+from app.messages import ExposureLimits, Frame
 from drivers.camera.newest import NewestFrame
 
 OPEN_TIMEOUT_MS = 8000
 READ_TIMEOUT_MS = 3000
+EXPOSURE_UNIT_S = 1e-4
+"""Of V4L2_CID_EXPOSURE_ABSOLUTE (the kernel's documentation of camera controls)."""
+MANUAL, AUTOMATIC = 1.0, 3.0
+"""V4L2_EXPOSURE_MANUAL; V4L2_EXPOSURE_APERTURE_PRIORITY, in which a USB camera sets the time by itself."""
+SETTLING_FRAMES = 4
+"""After a change, frames whose exposure isn't known: some are under way, some cameras take two or three more."""
+
+_log = get_logger("camera")
 
 
 class OpenCvCamera:
@@ -48,6 +61,11 @@ class OpenCvCamera:
         self._sequence = 0
         self._start_s = 0.0
         self._file_rate_hz = config.frame_rate_hz
+        self._limits: ExposureLimits | None = None
+        self._wanted_s: float | None = None
+        self._told_s: float | None = None
+        self._exposure_s: float | None = None
+        self._settling = 0
 
     async def __aenter__(self) -> Self:
         """Open the source.
@@ -80,6 +98,26 @@ class OpenCvCamera:
             raise CameraError(f"{self._source}: the camera is closed", "open it first")
         return self._reader.frames()
 
+    @property
+    def exposure_control(self) -> Self | None:
+        """None: it is no device, or its driver does not take an exposure."""
+        return None if self._limits is None else self
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """What it can be told; its gain is fixed, and called 1."""
+        if self._limits is None:
+            raise CameraError(f"{self._source}: its exposure can't be told", "leave it to the camera")
+        return self._limits
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        """Expose so; the camera's thread tells the driver before its next frame."""
+        self._wanted_s = exposure_s
+
+    def set_auto(self) -> None:
+        """Expose by itself again."""
+        self._wanted_s = None
+
     def _open(self) -> cv2.VideoCapture:
         if not self._source:
             raise CameraError("camera.source is empty", "give a device number, a URL or a video file")
@@ -106,6 +144,7 @@ class OpenCvCamera:
                 capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size_px[1])
             capture.set(cv2.CAP_PROP_FPS, self._config.frame_rate_hz)
             capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            self._limits = self._exposure_limits(capture)
         elif self._is_file:
             rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
             self._file_rate_hz = rate_hz if math.isfinite(rate_hz) and rate_hz > 0 else self._config.frame_rate_hz
@@ -122,6 +161,7 @@ class OpenCvCamera:
         if capture is None or reader is None:
             return None
         index = self._sequence
+        self._tell_exposure(capture)
         got = capture.grab()
         arrival_s = time.monotonic()
         ok, image = capture.retrieve() if got else (False, None)
@@ -144,7 +184,52 @@ class OpenCvCamera:
             t_capture_s, name = self._start_s + index / self._file_rate_hz, f"{self._source}#{index}"
             reader.wait_s(t_capture_s - time.monotonic())
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
-        return Frame(t_capture_s, index, grey.astype(np.uint8, copy=False), name=name)
+        exposure_s = self._exposure_s if self._settling == 0 else None
+        return Frame(
+            t_capture_s,
+            index,
+            grey.astype(np.uint8, copy=False),
+            exposure_s,
+            name,
+            gain=None if exposure_s is None else 1.0,
+        )
+
+    def _exposure_limits(self, capture: cv2.VideoCapture) -> ExposureLimits | None:
+        """What the device takes, tried out and read back; None: it doesn't take any."""
+        before = capture.get(cv2.CAP_PROP_AUTO_EXPOSURE)
+        longest_s = min(self._config.exposure_max_ms / 1e3, 1.0 / self._config.frame_rate_hz)
+        longest = max(1.0, math.floor(longest_s / EXPOSURE_UNIT_S))
+        try:
+            capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL)
+            taken = []
+            for value in (1.0, longest):
+                capture.set(cv2.CAP_PROP_EXPOSURE, value)
+                taken.append(capture.get(cv2.CAP_PROP_EXPOSURE))
+            if capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) != MANUAL or not 0.0 < taken[0] < taken[1]:
+                return None
+            return ExposureLimits(taken[0] * EXPOSURE_UNIT_S, taken[1] * EXPOSURE_UNIT_S)
+        finally:
+            capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, before if before > 0 else AUTOMATIC)
+
+    def _tell_exposure(self, capture: cv2.VideoCapture) -> None:
+        """Pass on what was asked for since the last frame, and note what the driver made of it."""
+        wanted_s = self._wanted_s
+        if wanted_s == self._told_s or self._limits is None:
+            self._settling = max(0, self._settling - 1)
+            return
+        if wanted_s is None:
+            capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, AUTOMATIC)
+            self._exposure_s = None
+        else:
+            if self._told_s is None:
+                capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL)
+            capture.set(cv2.CAP_PROP_EXPOSURE, max(1.0, round(wanted_s / EXPOSURE_UNIT_S)))
+            self._exposure_s = capture.get(cv2.CAP_PROP_EXPOSURE) * EXPOSURE_UNIT_S
+            if self._exposure_s <= 0.0:
+                _log.error("exposure.not_set", source=self._source, exposure_ms=1e3 * wanted_s)
+                self._exposure_s = None
+        self._told_s = wanted_s
+        self._settling = SETTLING_FRAMES
 
     def _release(self) -> None:
         if self._capture is not None:

@@ -1,6 +1,11 @@
 """The Raspberry Pi's camera through picamera2: the Camera port. Grey images with the sensor's own times.
 
 picamera2 and libcamera come from apt, not from PyPI, so they are imported when the camera is opened.
+
+Its exposure can be told. A change takes about as many frames as there are buffers and three or four more (picamera2
+issue 1278); each frame's metadata say what it really had (issue 340), so nothing here counts frames. Giving exposure
+time and gain ends the automatic control by itself; AeEnable False with them would freeze what it had (issue 933).
+The automatic control ignores changes under 2% (issue 1109).
 """
 
 from __future__ import annotations
@@ -17,7 +22,7 @@ import numpy as np
 from app.config import CameraConfig
 from app.errors import CameraError
 from app.log import get_logger
-from app.messages import Frame
+from app.messages import ExposureLimits, Frame
 from drivers.camera.newest import NewestFrame
 
 BUFFERS = 4
@@ -25,6 +30,8 @@ FIRST_FRAME_S = 5.0
 NEXT_FRAME_S = 1.0
 EXPOSURE_MIN_US = 100
 GAIN_MAX = 8.0
+BLANKING_S = 1e-3
+"""Between the end of an exposure and the next frame: a longer exposure would stretch the frame."""
 
 _log = get_logger("camera")
 
@@ -66,6 +73,17 @@ def cap_exposure(tuning: dict[str, Any], agc: dict[str, Any], exposure_max_us: i
     return tuning
 
 
+def _within_sensor(limits: ExposureLimits, controls: Mapping[str, tuple[Any, Any, Any]]) -> ExposureLimits:
+    """The limits narrowed to what the sensor tells of itself (picamera2's camera_controls: least, most, usual)."""
+    exposure = controls.get("ExposureTime", (None, None, None))
+    gain = controls.get("AnalogueGain", (None, None, None))
+    shortest_s = max(limits.exposure_min_s, float(exposure[0] or 0) / 1e6)
+    longest_s = limits.exposure_max_s if not exposure[1] else min(limits.exposure_max_s, float(exposure[1]) / 1e6)
+    least = max(limits.gain_min, float(gain[0] or 0.0))
+    most = limits.gain_max if not gain[1] else min(limits.gain_max, float(gain[1]))
+    return ExposureLimits(shortest_s, max(shortest_s, longest_s), least, max(least, most))
+
+
 class PiCamera:
     """The first camera on the Pi's connector.
 
@@ -80,6 +98,8 @@ class PiCamera:
         self._camera: Any = None
         self._reader: NewestFrame | None = None
         self._sequence = 0
+        longest_s = min(config.exposure_max_ms / 1e3, 1.0 / config.frame_rate_hz - BLANKING_S)
+        self._limits = ExposureLimits(EXPOSURE_MIN_US / 1e6, max(EXPOSURE_MIN_US / 1e6, longest_s), 1.0, GAIN_MAX)
 
     async def __aenter__(self) -> Self:
         """Open and start the camera.
@@ -111,6 +131,35 @@ class PiCamera:
             raise CameraError("the Pi camera is closed", "open it first")
         return self._reader.frames()
 
+    @property
+    def exposure_control(self) -> Self:
+        """Every camera of the Pi can be told."""
+        return self
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """What the sensor, as far as it tells, and the frame rate allow."""
+        return self._limits
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        """Expose so. picamera2 takes it with the next request that it queues."""
+        limits = self._limits
+        exposure_us = round(1e6 * min(limits.exposure_max_s, max(limits.exposure_min_s, exposure_s)))
+        self._set({"ExposureTime": exposure_us, "AnalogueGain": min(limits.gain_max, max(limits.gain_min, gain))})
+
+    def set_auto(self) -> None:
+        """Expose by itself again: 0 is how both are given back, whatever libcamera calls its modes."""
+        self._set({"AeEnable": True, "ExposureTime": 0, "AnalogueGain": 0.0})
+
+    def _set(self, controls: dict[str, Any]) -> None:
+        camera = self._camera
+        if camera is None:
+            return
+        try:
+            camera.set_controls(controls)
+        except RuntimeError as fault:  # a control that this sensor has not: its frames tell what it does instead
+            _log.error("exposure.not_set", fault=str(fault), **controls)
+
     def _open(self) -> Any:
         try:
             kind: Any = importlib.import_module("picamera2").Picamera2
@@ -137,6 +186,7 @@ class PiCamera:
                     buffer_count=BUFFERS,
                 )
             )
+            self._limits = _within_sensor(self._limits, getattr(camera, "camera_controls", {}))
             camera.start()
         except (RuntimeError, OSError, ValueError) as fault:
             camera.close()
@@ -183,7 +233,10 @@ class PiCamera:
             time.clock_gettime(time.CLOCK_BOOTTIME),
         )
         self._sequence += 1
-        return Frame(t_capture_s, self._sequence - 1, grey, exposure_s=exposure_us / 1e6)
+        gain = float(metadata.get("AnalogueGain", 0.0)) * float(metadata.get("DigitalGain", 1.0))
+        return Frame(
+            t_capture_s, self._sequence - 1, grey, exposure_s=exposure_us / 1e6, gain=gain if gain > 0.0 else None
+        )
 
     def _release(self) -> None:
         camera, self._camera = self._camera, None

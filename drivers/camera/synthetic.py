@@ -1,4 +1,4 @@
-"""The camera of the simulator, as the application sees it: frames from a Unix socket, newest only."""
+"""The camera of the simulator, as the application sees it: frames from a Unix socket, newest only; it obeys."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from app.channels import Latest
 from app.errors import CameraError
-from app.messages import Frame
-from drivers.simulator.wire import HEADER_BYTES, unpack
+from app.messages import ExposureLimits, Frame
+from drivers.simulator.shutter import LIMITS, Exposure
+from drivers.simulator.wire import HEADER_BYTES, pack_order, unpack
 
 OPEN_TIMEOUT_S = 5.0
 FRAME_TIMEOUT_S = 3.0
@@ -61,6 +62,29 @@ class SyntheticCamera:
             with contextlib.suppress(OSError):
                 await self._writer.wait_closed()
 
+    @property
+    def exposure_control(self) -> Self:
+        """The simulator's camera obeys."""
+        return self
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """What it can be told."""
+        return LIMITS
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        """Expose so, a few frames from now."""
+        self._order(Exposure(exposure_s, gain).within(LIMITS))
+
+    def set_auto(self) -> None:
+        """Expose by itself again."""
+        self._order(None)
+
+    def _order(self, exposure: Exposure | None) -> None:
+        # A simulator that is gone shows in the frames, which end.
+        if self._writer is not None and not self._writer.is_closing():
+            self._writer.write(pack_order(exposure))
+
     async def frames(self) -> AsyncIterator[Frame]:
         """Frames as they come; CameraError when the simulator ends or falls silent."""
         while True:
@@ -88,6 +112,8 @@ class SyntheticCamera:
                 header = unpack(await stream.readexactly(HEADER_BYTES))
                 pixels = await stream.readexactly(header.image_bytes)
                 image = np.frombuffer(pixels, dtype=np.uint8).reshape(header.height, header.width).copy()
-                self._newest.put_newest(Frame(header.t_capture_s, header.sequence, image, header.exposure_s))
+                self._newest.put_newest(
+                    Frame(header.t_capture_s, header.sequence, image, header.exposure_s, gain=header.gain)
+                )
         except (asyncio.IncompleteReadError, OSError, ValueError) as error:
             self._newest.put_newest(CameraError(f"the simulator's frames ended ({error})", "look at its own log"))

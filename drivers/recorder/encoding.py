@@ -31,6 +31,7 @@ FRAME_SCHEMA: dict[str, Any] = {
         "sequence": {"type": "integer"},
         "t_capture_s": {"type": "number"},
         "exposure_s": {"type": ["number", "null"]},
+        "gain": {"type": ["number", "null"]},
         "name": {"type": "string"},
     },
 }
@@ -85,6 +86,7 @@ def encode_frame(frame: Frame, jpeg_quality: int) -> bytes:
             "sequence": frame.sequence,
             "t_capture_s": frame.t_capture_s,
             "exposure_s": frame.exposure_s,
+            "gain": frame.gain,
             "name": frame.name,
         },
         separators=(",", ":"),

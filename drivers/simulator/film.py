@@ -11,8 +11,8 @@ import threading
 import time
 from typing import Protocol
 
-from app.messages import Image
 from drivers.simulator.frame_server import FrameServer
+from drivers.simulator.shutter import Exposure, Shot, Shutter
 from drivers.simulator.wire import FrameHeader
 from drivers.simulator.world import Truth
 
@@ -20,8 +20,8 @@ from drivers.simulator.world import Truth
 class Draws(Protocol):
     """What draws a frame."""
 
-    def render(self, truth: Truth) -> Image:
-        """(height, width) uint8 of an instant."""
+    def shoot(self, truth: Truth, told: Exposure | None) -> Shot:
+        """The frame of an instant, exposed as told; None: by itself."""
         ...
 
 
@@ -31,8 +31,8 @@ class Film:
     Args:
         renderer: Draws.
         server: Takes the frames.
+        shutter: What the camera has been told.
         latency_s: From mid-exposure to delivery.
-        exposure_s: Told in each frame.
 
     Attributes:
         drawn: Frames so far.
@@ -41,10 +41,10 @@ class Film:
         failure: What ended the drawing, or None.
     """
 
-    def __init__(self, renderer: Draws, server: FrameServer, latency_s: float, exposure_s: float) -> None:
-        self._renderer, self._server = renderer, server
-        self._latency_s, self._exposure_s = latency_s, exposure_s
-        self._instants: queue.Queue[tuple[int, float, Truth] | None] = queue.Queue(maxsize=2)
+    def __init__(self, renderer: Draws, server: FrameServer, shutter: Shutter, latency_s: float) -> None:
+        self._renderer, self._server, self._shutter = renderer, server, shutter
+        self._latency_s = latency_s
+        self._instants: queue.Queue[tuple[int, float, Truth, Exposure | None] | None] = queue.Queue(maxsize=2)
         self._frames: queue.Queue[tuple[FrameHeader, bytes] | None] = queue.Queue(maxsize=64)
         self._sequence = 0
         self.drawn = 0
@@ -61,8 +61,9 @@ class Film:
     def expose(self, t_capture_s: float, truth: Truth) -> None:
         """Take a frame of an instant; t_capture_s: its time on CLOCK_MONOTONIC."""
         self._sequence += 1
+        told = self._shutter.next()
         try:
-            self._instants.put_nowait((self._sequence, t_capture_s, truth))
+            self._instants.put_nowait((self._sequence, t_capture_s, truth, told))
         except queue.Full:
             self.dropped += 1
 
@@ -82,12 +83,12 @@ class Film:
 
     def _draw_all(self) -> None:
         while (instant := self._instants.get()) is not None:
-            sequence, t_capture_s, truth = instant
-            image = self._renderer.render(truth)
+            sequence, t_capture_s, truth, told = instant
+            shot = self._renderer.shoot(truth, told)
             self.drawn += 1
-            height, width = image.shape
-            header = FrameHeader(sequence, t_capture_s, self._exposure_s, width, height)
-            self._frames.put((header, image.tobytes()))
+            height, width = shot.image.shape
+            header = FrameHeader(sequence, t_capture_s, shot.exposure.exposure_s, shot.exposure.gain, width, height)
+            self._frames.put((header, shot.image.tobytes()))
 
     def _deliver(self) -> None:
         while (frame := self._frames.get()) is not None:

@@ -29,6 +29,7 @@ from drivers.simulator.frame_server import FrameServer
 from drivers.simulator.live import LiveWorld
 from drivers.simulator.px4_truth import Px4Truth
 from drivers.simulator.renderer import Renderer
+from drivers.simulator.shutter import Shutter
 from drivers.simulator.truth_log import TruthLog
 
 SWITCH_INTERVAL_S = 0.0005
@@ -111,8 +112,9 @@ def run(argv: list[str], say: Callable[[str], None], stop: threading.Event) -> N
     renderer = Renderer(world, landmark, lens, rig.camera)
     log = TruthLog(options.truth)
     scene = _scene(rig, world, options, log)
-    server = FrameServer(options.frames)
-    film = Film(renderer, server, world.camera_latency_s, world.exposure_ms / 1e3)
+    shutter = Shutter(world.exposure_delay_frames)
+    server = FrameServer(options.frames, shutter.tell)
+    film = Film(renderer, server, shutter, world.camera_latency_s)
     log.start(time.monotonic(), world.seed, world.vehicle)
     scene.begin()
     say(json.dumps({"ready": True, "frames": str(options.frames), "vehicle": world.vehicle}))

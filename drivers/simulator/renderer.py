@@ -2,8 +2,8 @@
 exposure.
 
 Written from geometry alone: each pixel's direction is turned into the world and cut with the horizontal planes of the
-scene, nearest plane last. Light is linear; sensor.py makes grey levels of it. Nothing here knows the time: the same
-truth and seed give the same frame.
+scene, nearest plane last. Light is linear; sensor.py makes grey levels of it. Nothing here knows the time but by the
+truth that it is given: the same truths and seed give the same frames.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ import numpy as np
 from app.config import CameraConfig, LensConfig, WorldConfig
 from app.landmark import Landmark
 from app.messages import Image
+from drivers.simulator.daylight import glare_of, level_at
 from drivers.simulator.decals import Decal
 from drivers.simulator.landscape import Landscape
 from drivers.simulator.painting import fill_hull, lay, lay_print
 from drivers.simulator.print import board_shadow, print_layers
 from drivers.simulator.scene import LANE_OFFSET_M, LANE_PERIOD_M, drone_shadow, lane_mark
 from drivers.simulator.sensor import Sensor
+from drivers.simulator.shutter import Exposure, Shot
 from drivers.simulator.textures import Plane
 from drivers.simulator.van import SIDE, Van, build_van
 from drivers.simulator.view import Camera, Place, View
@@ -29,7 +31,7 @@ from drivers.simulator.world import Truth
 
 CARRIER_FROM_M = 0.3
 """A pad this high stands on a van's roof; a lower one lies on the ground."""
-BLUR_STEP_PX = 1.6
+BLUR_STEP_PX = 1.0
 """Motion in the exposure that takes another sub-exposure: less is lost in the lens's own blur."""
 SUB_EXPOSURES_MAX = 4
 TEXTURE_SEEDS = 4
@@ -52,12 +54,14 @@ class Renderer:
         motion = world.motion
         texture_seed = world.seed % TEXTURE_SEEDS
         self._camera = Camera(lens, camera)
-        self._sensor = Sensor(self._camera.rays, world.noise_dn, world.seed)
+        self._sensor = Sensor(self._camera.rays, world.noise_dn, world.seed, world.exposure_ms / 1e3)
         self._landscape = Landscape(world.ground, texture_seed, self._camera)
-        self._exposure_s = world.exposure_ms / 1e3
         reach = 1.0 / math.tan(math.radians(world.sun_elevation_deg))
         azimuth = math.radians(world.sun_azimuth_deg)
         self._sun = (reach * math.cos(azimuth), reach * math.sin(azimuth))
+        self._light = world.light
+        self._glare = glare_of(world.light, self._sun)
+        self._first_s: float | None = None
         turn = azimuth - math.radians(motion.heading_deg)
         sun_on_pad = (reach * math.cos(turn), reach * math.sin(turn))
         self._layers = print_layers(landmark)
@@ -71,18 +75,26 @@ class Renderer:
 
     # ---------------------------------------------------------------------------------------------------- one frame
     def render(self, truth: Truth) -> Image:
-        """(height, width) uint8 grey, exposed about the instant of the truth."""
-        count = self._sub_exposures(truth)
+        """(height, width) uint8 grey, exposed about the instant of the truth, by the sensor's own exposure."""
+        return self.shoot(truth).image
+
+    def shoot(self, truth: Truth, told: Exposure | None = None) -> Shot:
+        """A frame exposed about the instant of the truth as the camera is told; None: by itself."""
+        if self._first_s is None:
+            self._first_s = truth.t_s
+        level = level_at(self._light, truth.t_s - self._first_s)
+        exposure_s = self._sensor.exposure_s(told)
+        count = self._sub_exposures(truth, exposure_s)
         if count == 1:
-            return self._sensor.develop(self._draw(self._camera.look(truth)))
+            return self._sensor.develop(self._draw(self._camera.look(truth)), level, told)
         light = np.zeros((self._camera.lens.height, self._camera.lens.width), dtype=np.float32)
         for k in range(count):
-            shift_s = ((k + 0.5) / count - 0.5) * self._exposure_s
+            shift_s = ((k + 0.5) / count - 0.5) * exposure_s
             cv2.accumulate(self._draw(self._camera.look(truth, shift_s)), light)
         light *= np.float32(1.0 / count)
-        return self._sensor.develop(light)
+        return self._sensor.develop(light, level, told)
 
-    def _sub_exposures(self, truth: Truth) -> int:
+    def _sub_exposures(self, truth: Truth, exposure_s: float) -> int:
         """How many instants the exposure is made of, by how far the image moves in it."""
         p, q, r = truth.rates
         pad = truth.pad
@@ -90,7 +102,7 @@ class Renderer:
         over_pad = math.hypot(truth.vel[0] - pad.vel_north_m_s, truth.vel[1] - pad.vel_east_m_s)
         over_pad /= max(0.1, pad.down_m - truth.pos[2])
         speed = math.hypot(p, q) + 0.5 * abs(r) + max(over_ground, over_pad)
-        moved_px = speed * self._camera.lens.focal_px * self._exposure_s
+        moved_px = speed * self._camera.lens.focal_px * exposure_s
         return max(1, min(SUB_EXPOSURES_MAX, math.ceil(moved_px / BLUR_STEP_PX)))
 
     def _draw(self, view: View) -> Plane:
@@ -107,6 +119,8 @@ class Renderer:
         lay(light, camera, view, self._board_shadow, place)
         lay_print(light, camera, view, self._layers, place)
         self._draw_drone_shadow(light, view, place.height_m)
+        if self._glare is not None:
+            self._glare.add(light, view.north, view.east)
         return light
 
     def _draw_surroundings(self, view: View) -> Plane:

@@ -17,9 +17,10 @@ from app.clock import Clock
 from app.config import CameraConfig, LensConfig, WorldConfig
 from app.errors import CameraError
 from app.landmark import Landmark
-from app.messages import Frame
+from app.messages import ExposureLimits, Frame
 from drivers.simulator.px4 import Px4
 from drivers.simulator.renderer import Renderer
+from drivers.simulator.shutter import LIMITS, Exposure, Shutter
 from drivers.simulator.touchdown import Contact
 from drivers.simulator.world import STEP_S, Truth, World
 
@@ -42,6 +43,7 @@ class SimulatedWorld:
         world: What is stepped; its px4 takes the pilot's doings (set_mode, sticks), its plant and pad hold the truth.
         frames_flow: Whether the camera gives frames; a test may stop it.
         telemetry_flows: Whether the vehicle's states are told; a test may cut the link.
+        shutter: What the camera is told of its exposure.
         turned: Published after each turn, with the clock's time.
         frames: The camera's frames.
     """
@@ -57,7 +59,7 @@ class SimulatedWorld:
         self._renderer = Renderer(config, landmark, lens, camera)
         self._clock = clock
         self._latency_s = config.camera_latency_s
-        self._exposure_s = config.exposure_ms / 1e3
+        self.shutter = Shutter(config.exposure_delay_frames)
         self._frame_period_s = 1.0 / camera.frame_rate_hz
         self._frame_due_s = self._frame_period_s
         self._on_the_way: deque[Frame] = deque()
@@ -99,9 +101,11 @@ class SimulatedWorld:
             return
         self._frame_due_s += self._frame_period_s
         self._sequence += 1
+        told = self.shutter.next()
         if self.frames_flow:
-            image = self._renderer.render(self.world.truth())
-            self._on_the_way.append(Frame(now_s, self._sequence, image, self._exposure_s))
+            shot = self._renderer.shoot(self.world.truth(), told)
+            exposure = shot.exposure
+            self._on_the_way.append(Frame(now_s, self._sequence, shot.image, exposure.exposure_s, gain=exposure.gain))
 
     def _deliver(self, now_s: float) -> None:
         """Give out the frames whose latency is over."""
@@ -121,15 +125,35 @@ class SimulatedCamera:
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._frames: Latest[Frame] = world.frames.subscribe()
+        self._shutter = world.shutter
 
     async def __aenter__(self) -> Self:
         """Nothing to open."""
         return self
 
+    @property
+    def exposure_control(self) -> Self:
+        """The simulated camera obeys."""
+        return self
+
+    @property
+    def limits(self) -> ExposureLimits:
+        """What it can be told."""
+        return LIMITS
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        """Expose so, a few frames from now."""
+        self._shutter.tell(Exposure(exposure_s, gain))
+
+    def set_auto(self) -> None:
+        """Expose by itself again."""
+        self._shutter.tell(None)
+
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing to release."""
+        """Leave it exposing by itself."""
+        self._shutter.tell(None)
 
     async def frames(self) -> AsyncIterator[Frame]:
         """Frames as they come, the newest only."""

@@ -25,7 +25,7 @@ from app.messages import (
 from app.runtime import Application, Parts
 from app.tasks.compute import in_place
 from app.vision.detector import Detector
-from app.wiring import CONFIGS, Rig, load_rig
+from app.wiring import CONFIGS, Rig, load_rig, make_exposure
 from drivers.autopilot.simulated import SimulatedAutopilot
 from drivers.simulator.touchdown import Contact
 from drivers.simulator.virtual import SimulatedCamera, SimulatedWorld
@@ -127,6 +127,7 @@ async def fly_virtually(world: WorldConfig, script: Script, rig: Rig | None = No
             ),
             clock=clock,
             compute=in_place,
+            exposure=make_exposure(rig),
         )
     )
     reports = application.reports.subscribe_all(100_000)

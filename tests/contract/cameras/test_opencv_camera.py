@@ -6,9 +6,10 @@ import asyncio
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import aclosing
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -122,3 +123,104 @@ async def test_stream_that_nobody_serves_does_not_open(closed_port: int) -> None
     with pytest.raises(CameraError, match="does not open; check the address"):
         async with OpenCvCamera(config(f"rtsp://127.0.0.1:{closed_port}/stream")):
             pass
+
+
+class Device:
+    """A V4L2 device as OpenCV shows it: set() says yes to everything, get() tells what the driver made of it."""
+
+    def __init__(self, *, manual: bool = True, takes_exposure: bool = True) -> None:
+        self.properties = {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0, cv2.CAP_PROP_EXPOSURE: 157.0}
+        self._fixed = set() if takes_exposure else {cv2.CAP_PROP_EXPOSURE}
+        self._fixed |= set() if manual else {cv2.CAP_PROP_AUTO_EXPOSURE}
+        self.set_after: list[tuple[int, float]] = []
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return True
+
+    def set(self, name: int, value: float) -> bool:
+        if name in (cv2.CAP_PROP_AUTO_EXPOSURE, cv2.CAP_PROP_EXPOSURE):
+            self.set_after.append((name, value))
+            if name not in self._fixed:
+                self.properties[name] = value if name == cv2.CAP_PROP_AUTO_EXPOSURE else max(3.0, min(value, 2047.0))
+        return True
+
+    def get(self, name: int) -> float:
+        return self.properties.get(name, 0.0)
+
+    def grab(self) -> bool:
+        threading.Event().wait(0.005)
+        return True
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, np.zeros((48, 64, 3), np.uint8)
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.fixture
+def plug_in(monkeypatch: pytest.MonkeyPatch) -> Callable[[Device], OpenCvCamera]:
+    """An OpenCV camera on a device of the test's own."""
+
+    def make(device: Device) -> OpenCvCamera:
+        monkeypatch.setattr(cv2, "VideoCapture", lambda *_: device)
+        return OpenCvCamera(config("0", exposure_max_ms=8.0))
+
+    return make
+
+
+async def frame_that(camera: OpenCvCamera, fits: Callable[[Frame], bool]) -> Frame:
+    async with asyncio.timeout(5.0), aclosing(camera.frames()) as stream:
+        async for frame in stream:
+            if fits(frame):
+                return frame
+    raise AssertionError("no frames")
+
+
+async def test_device_that_takes_an_exposure_tells_its_limits_and_is_left_automatic(plug_in: Any) -> None:
+    device = Device()
+    async with plug_in(device) as camera:
+        limits = camera.exposure_control.limits
+    assert (limits.exposure_min_s, limits.exposure_max_s) == pytest.approx((0.0003, 0.008))
+    assert (limits.gain_min, limits.gain_max) == (1.0, 1.0)
+    assert device.properties[cv2.CAP_PROP_AUTO_EXPOSURE] == 3.0
+
+
+async def test_device_told_an_exposure_says_nothing_of_it_until_it_has_settled(plug_in: Any) -> None:
+    async with plug_in(Device()) as camera:
+        before = await frame_that(camera, lambda _: True)
+        camera.exposure_control.set_exposure(0.00249, 1.0)
+        after = await frame_that(camera, lambda f: f.exposure_s is not None)
+    assert (before.exposure_s, before.gain) == (None, None)
+    assert (after.exposure_s, after.gain) == (pytest.approx(0.0025), 1.0)
+    assert after.sequence >= before.sequence + 4
+
+
+async def test_device_told_what_its_driver_bends_tells_what_the_driver_made_of_it(plug_in: Any) -> None:
+    async with plug_in(Device()) as camera:
+        camera.exposure_control.set_exposure(0.0001, 1.0)
+        frame = await frame_that(camera, lambda f: f.exposure_s is not None)
+    assert frame.exposure_s == pytest.approx(0.0003)
+
+
+async def test_device_given_back_exposes_by_itself(plug_in: Any) -> None:
+    device = Device()
+    async with plug_in(device) as camera:
+        camera.exposure_control.set_exposure(0.002, 1.0)
+        await frame_that(camera, lambda f: f.exposure_s is not None)
+        camera.exposure_control.set_auto()
+        await frame_that(camera, lambda f: f.exposure_s is None)
+    assert device.properties[cv2.CAP_PROP_AUTO_EXPOSURE] == 3.0
+
+
+@pytest.mark.parametrize("device", [Device(manual=False), Device(takes_exposure=False)], ids=["no manual", "fixed"])
+async def test_device_that_takes_no_exposure_says_so(plug_in: Any, device: Device) -> None:
+    async with plug_in(device) as camera:
+        assert camera.exposure_control is None
+        with pytest.raises(CameraError, match="can't be told"):
+            _ = camera.limits
+
+
+async def test_video_file_takes_no_exposure(video: Path) -> None:
+    async with OpenCvCamera(config(str(video))) as camera:
+        assert camera.exposure_control is None

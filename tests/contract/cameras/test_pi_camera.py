@@ -32,7 +32,8 @@ class Request:
         self._owner, self._number = owner, number
 
     def get_metadata(self) -> dict[str, Any]:
-        return {"SensorTimestamp": time.monotonic_ns() - 30_000_000, "ExposureTime": EXPOSURE_US, "AnalogueGain": 2.0}
+        gains = {"AnalogueGain": 2.0, "DigitalGain": 1.25}
+        return {"SensorTimestamp": time.monotonic_ns() - 30_000_000, "ExposureTime": EXPOSURE_US, **gains}
 
     def make_array(self, name: str) -> np.ndarray:
         assert name == "main"
@@ -75,6 +76,9 @@ class FakePicamera2:
         self.tuning, self.held, self.count = tuning, 0, 0
         self.configuration: dict[str, Any] = {}
         self.calls: list[str] = []
+        self.controls: list[dict[str, Any]] = []
+        self.camera_controls = {"ExposureTime": (150, 100_000, 20_000), "AnalogueGain": (1.1, 6.0, 1.1)}
+        self.refuses = False
         FakePicamera2.made.append(self)
 
     def create_video_configuration(self, **settings: Any) -> dict[str, Any]:
@@ -82,6 +86,11 @@ class FakePicamera2:
 
     def configure(self, configuration: dict[str, Any]) -> None:
         self.configuration = configuration
+
+    def set_controls(self, controls: dict[str, Any]) -> None:
+        if self.refuses:
+            raise RuntimeError("Control ExposureTime is not advertised by libcamera")
+        self.controls.append(controls)
 
     def start(self) -> None:
         self.calls.append("start")
@@ -213,3 +222,58 @@ def test_exposure_is_capped_in_every_channel_of_a_newer_tuning() -> None:
     tuning = {"algorithms": [{"rpi.agc": agc}]}
     assert cap_exposure(tuning, agc, 5000) is tuning
     assert [c["exposure_modes"]["normal"]["shutter"] for c in agc["channels"]] == [[100, 5000], [100, 5000]]
+
+
+async def test_pi_camera_frame_tells_its_exposure_and_its_whole_gain(fake: type[FakePicamera2]) -> None:
+    async with pi_camera() as camera:
+        frame = await first_of(camera)
+    assert (frame.exposure_s, frame.gain) == (0.004, pytest.approx(2.0 * 1.25))
+
+
+async def test_pi_camera_told_its_exposure_gives_picamera2_time_and_gain_and_leaves_the_rest(
+    fake: type[FakePicamera2],
+) -> None:
+    async with pi_camera() as camera:
+        control = camera.exposure_control
+        control.set_exposure(0.00125, 2.5)
+        assert fake.made[0].controls == [{"ExposureTime": 1250, "AnalogueGain": 2.5}]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "told"),
+    [((1e-6, 0.1), (150, 1.1)), ((1.0, 99.0), (8000, 6.0))],
+    ids=["less than the sensor has", "more than the rig and the sensor allow"],
+)
+async def test_pi_camera_told_too_much_does_what_comes_nearest(
+    fake: type[FakePicamera2], wanted: tuple[float, float], told: tuple[int, float]
+) -> None:
+    """The sensor: 150 us to 0.1 s, gain 1.1 to 6; the rig: at most 8 ms."""
+    async with pi_camera(exposure_max_ms=8.0) as camera:
+        camera.exposure_control.set_exposure(*wanted)
+    assert fake.made[0].controls == [{"ExposureTime": told[0], "AnalogueGain": told[1]}]
+
+
+async def test_pi_camera_longest_exposure_leaves_the_frame_rate_as_it_is(fake: type[FakePicamera2]) -> None:
+    async with pi_camera(frame_rate_hz=100.0, exposure_max_ms=50.0) as camera:
+        assert camera.exposure_control.limits.exposure_max_s < 0.01
+
+
+async def test_pi_camera_exposes_by_itself_again(fake: type[FakePicamera2]) -> None:
+    async with pi_camera() as camera:
+        camera.exposure_control.set_auto()
+    assert fake.made[0].controls == [{"AeEnable": True, "ExposureTime": 0, "AnalogueGain": 0.0}]
+
+
+async def test_pi_camera_that_has_no_such_control_goes_on(fake: type[FakePicamera2]) -> None:
+    async with pi_camera() as camera:
+        fake.made[0].refuses = True
+        camera.exposure_control.set_exposure(0.001, 1.0)
+        frame = await first_of(camera)
+    assert frame.exposure_s == 0.004
+
+
+async def test_pi_camera_closed_takes_no_exposure(fake: type[FakePicamera2]) -> None:
+    async with pi_camera() as camera:
+        control = camera.exposure_control
+    control.set_auto()
+    assert fake.made[0].controls == []

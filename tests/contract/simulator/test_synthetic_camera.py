@@ -61,11 +61,11 @@ async def server(tmp_path: Path) -> AsyncIterator[FrameServer]:
 
 
 def test_frame_header_survives_the_wire() -> None:
-    header = FrameHeader(7, 123.456789, 0.002, 640, 480)
+    header = FrameHeader(7, 123.456789, 0.002, 1.5, 640, 480)
     assert unpack(header.pack()) == header
 
 
-@pytest.mark.parametrize("data", [b"nope" + bytes(28), FrameHeader(1, 0.0, 0.0, 0, 480).pack()])
+@pytest.mark.parametrize("data", [b"nope" + bytes(36), FrameHeader(1, 0.0, 0.0, 1.0, 0, 480).pack()])
 def test_frame_header_that_is_none_is_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match="not a frame"):
         unpack(data)
@@ -81,7 +81,7 @@ async def test_camera_gives_the_newest_frame_as_it_was_sent(server: FrameServer,
             nonlocal sent
             while True:
                 sent += 1
-                server.publish(FrameHeader(sent, 10.0 + sent, 0.003, 80, 64).pack(), image.tobytes())
+                server.publish(FrameHeader(sent, 10.0 + sent, 0.003, 2.5, 80, 64).pack(), image.tobytes())
                 await asyncio.sleep(0.01)
 
         sender = asyncio.create_task(send_until_read())
@@ -91,7 +91,7 @@ async def test_camera_gives_the_newest_frame_as_it_was_sent(server: FrameServer,
         await frames.aclose()
     assert (frame.image == image).all()
     assert frame.t_capture_s == 10.0 + frame.sequence
-    assert frame.exposure_s == 0.003
+    assert (frame.exposure_s, frame.gain) == (0.003, 2.5)
     assert frame.image.flags.writeable
 
 

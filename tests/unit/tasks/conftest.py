@@ -112,6 +112,7 @@ class FakeCamera(FakePort):
     def __init__(self, fails_after: int = 10**9) -> None:
         super().__init__()
         self.fails_after = fails_after
+        self.exposure_control = None
 
     async def frames(self) -> AsyncIterator[Frame]:
         for sequence in range(self.fails_after):
