@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 PORT ?= 22
 DIR ?= alight
 CONFIG ?= configs/raspberry-pi.toml
+APRILTAG := pupil-apriltags==1.0.4.post11
 export PYTHON SSH_OPTS ALIGHT_NO_SYSTEM
 export PYTHONUNBUFFERED := 1
 
@@ -43,6 +44,11 @@ $(DEV_STAMP): requirements-dev.lock $(RUN_STAMP)
 
 demo: $(RUN_STAMP) ## fly the paper's two experiments in the built-in simulator
 	@$(BIN)/alight demo $(ARGS)
+
+bench: $(RUN_STAMP) ## measure the eye against ArUco and AprilTag, a few minutes
+	@$(BIN)/python -c 'import pupil_apriltags' 2>/dev/null || \
+		$(BIN)/python -m pip --disable-pip-version-check --quiet install --no-deps '$(APRILTAG)'
+	@$(BIN)/python tests/bench/run.py $(ARGS)
 
 test: $(DEV_STAMP) ## the tests
 	@$(BIN)/python -m pytest -m 'not sitl' $(ARGS)
