@@ -36,7 +36,7 @@ def state(t_s: float = 12.5) -> VehicleState:
 
 def frame(t_s: float = 12.5, sequence: int = 7) -> Frame:
     ramp = np.tile(np.arange(0, 240, 2, dtype=np.uint8), (64, 1))
-    return Frame(t_s, sequence, ramp, exposure_s=0.002, name="a.png")
+    return Frame(t_s, sequence, ramp, exposure_s=0.002, name="a.png", gain=1.75)
 
 
 async def written(path: Path, *items: tuple[str, float, Any], **settings: Any) -> McapRecorder:
@@ -72,6 +72,7 @@ async def test_record_of_a_frame_reads_back_as_that_frame(tmp_path: Path) -> Non
     (recorded,) = read_record(tmp_path / "a.mcap")
     assert isinstance(recorded.message, Frame)
     assert (recorded.message.sequence, recorded.message.exposure_s, recorded.message.name) == (7, 0.002, "a.png")
+    assert recorded.message.gain == 1.75
     assert recorded.message.t_capture_s == 12.5
     difference = recorded.message.image.astype(int) - frame().image.astype(int)
     assert np.abs(difference).max() <= 4  # JPEG at 95

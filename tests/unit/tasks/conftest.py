@@ -17,6 +17,7 @@ from app.errors import AutopilotError, CameraError, OperatorError, RecorderError
 from app.messages import (
     AutopilotAction,
     CommandAnswer,
+    ExposureLimits,
     Frame,
     LandedState,
     OperatorCommand,
@@ -121,6 +122,35 @@ class FakeCamera(FakePort):
         raise CameraError("the camera is gone", "plug it in")
 
 
+class FakeDimCamera(FakePort):
+    """Thirty dark frames a second, exposed as it is told at once; what it is told is kept, None for by itself."""
+
+    limits = ExposureLimits(1e-4, 1e-2, 1.0, 8.0)
+
+    def __init__(self, fails_after: int = 10**9) -> None:
+        super().__init__()
+        self.fails_after = fails_after
+        self.told: list[tuple[float, float] | None] = []
+        self.exposure_control = self
+        self._exposure = (1e-3, 1.0)
+
+    def set_exposure(self, exposure_s: float, gain: float) -> None:
+        assert self.is_open
+        self.told.append((exposure_s, gain))
+        self._exposure = (exposure_s, gain)
+
+    def set_auto(self) -> None:
+        self.told.append(None)
+
+    async def frames(self) -> AsyncIterator[Frame]:
+        for sequence in range(self.fails_after):
+            exposure_s, gain = self._exposure
+            grey = min(255.0, 255.0 * (8.0 * exposure_s * gain) ** 0.5)
+            yield Frame(CLOCK.now_s(), sequence, np.full((64, 64), grey, np.uint8), exposure_s, gain=gain)
+            await asyncio.sleep(1.0 / 30.0)
+        raise CameraError("the camera is gone", "plug it in")
+
+
 class FakeRecorder(FakePort):
     """Keeps topics and times; when full, an error each time."""
 
@@ -182,6 +212,7 @@ class Fakes:
 
     clock = CLOCK
     Autopilot, Operator, Camera, Recorder = FakeAutopilot, FakeOperator, FakeCamera, FakeRecorder
+    DimCamera = FakeDimCamera
     vehicle, vehicle_at, track = staticmethod(vehicle), staticmethod(vehicle_at), staticmethod(track)
     running = staticmethod(running)
 

@@ -12,8 +12,9 @@ import pytest
 
 from app.channels import Topic
 from app.clock import run_virtual
-from app.config import CameraConfig, RigConfig
+from app.config import CameraConfig, ExposureConfig, LensConfig, RigConfig
 from app.errors import AlightError, AutopilotError, CameraError
+from app.landmark import paper_landmark
 from app.messages import (
     AutopilotAction,
     CommandResult,
@@ -29,9 +30,12 @@ from app.messages import (
 from app.runtime import Application, Parts
 from app.supervision import RESTARTS_MAX
 from app.tasks.compute import in_place
+from app.vision.camera_model import lens_from_config
+from app.vision.exposure import ExposureSteering
 
 A, C = AutopilotAction, CommandResult
 RIG = RigConfig(camera=CameraConfig(driver="synthetic", lens="lens.toml"), pad="pad.toml")
+SMALL = LensConfig(model="pinhole", width_px=64, height_px=64, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=31.5)
 
 
 class Blind:
@@ -72,6 +76,7 @@ class Bench:
                 make_fix=lambda detection, state: None,
                 clock=fakes.clock,
                 compute=in_place,
+                exposure=ExposureSteering(paper_landmark(), lens_from_config(SMALL), ExposureConfig(), 8e-3),
             )
         )
         self.reports: Topic[MissionReport] = self.application.reports
@@ -298,3 +303,40 @@ def test_autopilot_that_is_not_there_closes_the_camera_and_makes_no_record(fakes
     bench = run_virtual(main(), start_s=100.0)
     assert len(bench.cameras) == 1 and not bench.cameras[0].is_open
     assert not bench.recorder.was_opened
+
+
+def test_camera_that_can_be_told_is_steered_recorded_and_given_back(fakes: Any):
+    """Grey 23 at first; the picture's own level is 80, so about (80 / 23)^2 times the light is wanted."""
+
+    async def main() -> Bench:
+        bench = Bench(fakes)
+        bench.make_camera = fakes.DimCamera
+        async with fakes.running(bench.obey()):
+            run = asyncio.create_task(bench.application.run())
+            await asyncio.sleep(2.0)
+            bench.application.stop()
+            await run
+        return bench
+
+    bench = run_virtual(main(), start_s=100.0)
+    (camera,) = bench.cameras
+    exposure_s, gain = camera.told[-2]
+    assert camera.told[-1] is None
+    assert 255.0 * (8.0 * exposure_s * gain) ** 0.5 == pytest.approx(80.0, rel=0.06)
+    assert [topic for topic, _ in bench.recorder.written].count("exposures") == len(camera.told) - 1
+
+
+def test_camera_that_fails_while_it_is_steered_is_started_again_and_steered_anew(fakes: Any):
+    async def main() -> Bench:
+        bench = Bench(fakes)
+        bench.make_camera = lambda: fakes.DimCamera(30)
+        async with fakes.running(bench.obey()):
+            run = asyncio.create_task(bench.application.run())
+            await asyncio.sleep(3.5)
+            bench.application.stop()
+            await run
+        return bench
+
+    cameras = run_virtual(main(), start_s=100.0).cameras
+    assert len(cameras) >= 2
+    assert all(camera.told[0] is not None and camera.told[-1] is None for camera in cameras)
