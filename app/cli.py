@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from app.cli_calibrate import calibrate_cli
 from app.display import open_console
 from app.errors import ConfigError
 from app.log import configure_logging
@@ -137,6 +138,9 @@ def landmark(
 
     for path in draw_landmark(read_landmark(config, size_cm), out, tile=tile):
         typer.echo(path)
+
+
+cli.add_typer(calibrate_cli, name="calibrate", help="Calibrate a lens, or the paper's height table; draw a board.")
 
 
 @cli.command(short_help="Find the landmark in images, folders and videos.")

@@ -35,6 +35,10 @@ class CameraError(AlightError):
     """A camera that doesn't open, or stopped giving frames."""
 
 
+class CalibrationError(AlightError):
+    """Views of a board, or frames at known heights, from which nothing can be calibrated."""
+
+
 class AutopilotError(AlightError):
     """No autopilot on the address, a lost link, or a command that the autopilot refused."""
 

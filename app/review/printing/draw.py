@@ -34,7 +34,17 @@ def draw_landmark(landmark: Landmark, out: Path, *, tile: str | None = None, dpi
         LandmarkError: Unknown extension, paper or resolution, a sheet too large for the format, or a path that can't
             be written. Nothing is written unless all pages could be drawn.
     """
-    contents = _contents(_pages(landmark, tile), out, caption(landmark), dpi)
+    return write_pages(_pages(landmark, tile), out, caption(landmark), dpi)
+
+
+def write_pages(pages: Sequence[Page], out: Path, title: str, dpi: int = DPI) -> list[Path]:
+    """Write pages to a .pdf, .svg or .png file, or numbered files; see draw_landmark.
+
+    Raises:
+        LandmarkError: Unknown extension or resolution, a page too large for the format, or a path that can't be
+            written.
+    """
+    contents = _contents(pages, out, title, dpi)
     try:
         for path, content in contents.items():
             path.write_bytes(content)
