@@ -116,7 +116,8 @@ class ExposureConfig(Section):
     @model_validator(mode="after")
     def _in_order(self) -> ExposureConfig:
         if not self.black_level < self.picture_level < self.white_level:
-            raise ValueError("black_level < picture_level < white_level is needed")
+            levels = f"{self.black_level} < {self.picture_level} < {self.white_level}"
+            raise ValueError(f"black_level < picture_level < white_level is needed, not {levels}")
         return self
 
 
@@ -272,8 +273,11 @@ class LightConfig(Section):
 
     @model_validator(mode="after")
     def _in_order(self) -> LightConfig:
-        if any(b.at_s < a.at_s + a.over_s for a, b in zip(self.changes, self.changes[1:], strict=False)):
-            raise ValueError("each of the light's changes must begin after the one before has ended")
+        for earlier, later in zip(self.changes, self.changes[1:], strict=False):
+            if later.at_s < (end_s := earlier.at_s + earlier.over_s):
+                raise ValueError(
+                    f"the change at_s = {later.at_s:g} must begin after the one before has ended, at {end_s:g} s"
+                )
         return self
 
 

@@ -214,7 +214,7 @@ def _towards(old: float | None, new: float, share: float) -> float:
     """A share of the way from old to new, in stops; all of it, if that is a step."""
     if old is None or not old / STEP < new < old * STEP:
         return new
-    return old * (new / old) ** share
+    return old * math.pow(new / old, share)
 
 
 def _motion(state: ExposureState, centre_px: Array, t_s: float) -> float | None:

@@ -17,16 +17,18 @@ from app.landmark import Landmark
 from app.messages import Detection, Frame, Image
 from app.vision.camera_model import Lens
 
+Grey = NDArray[np.uint8]
+
 GRID = 56
 """Points along a side of the drawing; as many of each colour as there are, the ones far from edges first."""
-SAMPLES_MAX = 400
+SAMPLES_MAX = 150
 """Of each colour."""
 EDGE_PX = 1.5
 """Nearer to an edge a pixel is mixed, by the lens's blur and a little motion."""
 SAMPLES_MIN = 12
 """Fewer of a colour that are free of edges, and the ones farthest from edges are taken instead: a small pad."""
-WHITE_PERCENTILE = 70.0
-BLACK_PERCENTILE = 30.0
+WHITE_SHARE = 0.7
+BLACK_SHARE = 0.3
 """Of the white, so much may lie under glare, and of the black too, without a say; in the same way a shadow over most
 of the pad leaves the say to the lit white, that it must not saturate."""
 SATURATED = 250
@@ -84,14 +86,15 @@ class PadMeter:
         centre, px_per_m = self._scale(plane)
         if centre is None:
             return None
-        white = self._grey(frame.image, plane, self._white, EDGE_PX / px_per_m)
-        black = self._grey(frame.image, plane, self._black, EDGE_PX / px_per_m)
+        margin_m = EDGE_PX / px_per_m
+        chosen = (_chosen(self._white, margin_m), _chosen(self._black, margin_m))
+        white, black = self._grey(frame.image, plane, chosen)
         if white.size < SAMPLES_MIN or black.size < SAMPLES_MIN:
             return None
         return PadLight(
-            float(np.percentile(white, WHITE_PERCENTILE)),
-            float(np.percentile(black, BLACK_PERCENTILE)),
-            float(np.mean(white >= SATURATED)),
+            _share(white, WHITE_SHARE),
+            _share(black, BLACK_SHARE),
+            np.count_nonzero(white >= SATURATED) / white.size,
             centre,
             4.0 * (self._landmark.quiet_zone_m * px_per_m) ** 2 / (frame.image.shape[0] * frame.image.shape[1]),
         )
@@ -126,21 +129,33 @@ class PadMeter:
         along = np.linalg.norm(px[1:] - px[0], axis=1) / step
         return px[0], max(float(along.min()), 1e-6)
 
-    def _grey(self, image: Image, plane: Array, points: Array, margin_m: float) -> NDArray[np.uint8]:
-        """Grey levels at points (n, 3) forward, right, distance to the nearest edge, the farthest first."""
-        free = int(np.searchsorted(-points[:, 2], -margin_m))
-        free = min(len(points), max(free, 4 * SAMPLES_MIN))
-        # Evenly from all that are free of edges, so that the samples lie all over the pad.
-        chosen = points[np.linspace(0, free - 1, min(SAMPLES_MAX, free)).astype(np.intp)]
-        homogeneous = np.column_stack([chosen[:, :2], np.ones(len(chosen))])
-        px, seen = self._lens.project(homogeneous @ plane.T)
+    def _grey(self, image: Image, plane: Array, points: tuple[Array, Array]) -> tuple[Grey, Grey]:
+        """Grey levels at two sets of points (n, 2) forward, right, as far as they lie in the image."""
+        both = np.concatenate(points)
+        px, seen = self._lens.project(both @ plane[:, :2].T + plane[:, 2])
         height, width = image.shape[:2]
-        inside = seen & (px > -0.5).all(axis=1) & (px[:, 0] < width - 0.5) & (px[:, 1] < height - 0.5)
-        at = np.rint(px[inside]).astype(np.intp)
-        grey: NDArray[np.uint8] = image[at[:, 1], at[:, 0]]
+        at = np.rint(np.where(seen[:, None], px, -1.0)).astype(np.intp)
+        u, v = at.T
+        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        grey: Grey = image[v[inside], u[inside]]
         if grey.ndim == 2:
             grey = np.asarray(np.rint(grey @ np.array([0.114, 0.587, 0.299])), dtype=np.uint8)
-        return grey
+        first = np.count_nonzero(inside[: len(points[0])])
+        return grey[:first], grey[first:]
+
+
+def _chosen(points: Array, margin_m: float) -> Array:
+    """(n, 2) of the points (m, 3), the farthest from edges first, that are free of edges; the first few at least."""
+    free = int(np.searchsorted(-points[:, 2], -margin_m))
+    free = min(len(points), max(free, 4 * SAMPLES_MIN))
+    # Evenly from all of them, so that the samples lie all over the pad.
+    return points[: free : -(-free // SAMPLES_MAX), :2]
+
+
+def _share(grey: Grey, share: float) -> float:
+    """The grey level that this share of the samples does not exceed."""
+    index = min(len(grey) - 1, int(share * len(grey)))
+    return float(np.partition(grey, index)[index])
 
 
 def _sample_points(landmark: Landmark) -> tuple[Array, Array]:

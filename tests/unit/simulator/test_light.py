@@ -58,7 +58,7 @@ def test_daylight_follows_its_changes_at_once_or_evenly_in_stops(t_s: float, lev
 
 
 def test_daylight_with_changes_out_of_order_is_refused() -> None:
-    with pytest.raises(ValueError, match="must begin after the one before has ended"):
+    with pytest.raises(ValueError, match="at_s = 2 must begin after the one before has ended, at 3 s"):
         LightConfig(changes=(LightChange(at_s=1.0, level=0.5, over_s=2.0), LightChange(at_s=2.0, level=1.0)))
 
 
