@@ -123,9 +123,14 @@ def check(
         raise ConfigError(f"{config}: {faults} fault(s)", "mend what is marked FAULT above")
 
 
-@cli.command(short_help="Draw a landmark at true size.")
+landmark_cli = typer.Typer(invoke_without_command=True, rich_markup_mode=None)
+cli.add_typer(landmark_cli, name="landmark", short_help="Draw a landmark at true size, or design one.")
+
+
+@landmark_cli.callback()
 def landmark(
-    out: Annotated[Path, typer.Option(help="File to write: .pdf, .svg or .png.")],
+    context: typer.Context,
+    out: Annotated[Path | None, typer.Option(help="File to write: .pdf, .svg or .png.")] = None,
     size_cm: Annotated[float | None, typer.Option(min=2, max=2000, help="Side of the outermost contour.")] = None,
     tile: Annotated[
         Literal["a4", "a3", "letter"] | None, typer.Option(help="Cut into pages with overlap and crop marks.")
@@ -136,8 +141,56 @@ def landmark(
     from app.review.printing.draw import draw_landmark
     from app.wiring import read_landmark
 
+    if context.invoked_subcommand is not None:
+        if (out, size_cm, tile, config) != (None,) * 4:
+            context.fail(f"Options of {context.invoked_subcommand!r} come after it.")
+        return
+    if out is None:
+        context.fail("Missing option '--out'.")
     for path in draw_landmark(read_landmark(config, size_cm), out, tile=tile):
         typer.echo(path)
+
+
+@landmark_cli.command(short_help="Propose a landmark for a camera and a range of heights.")
+def design(
+    camera: Annotated[Path, typer.Option(help="Camera file, such as configs/cameras/pi-fisheye-640.toml.")],
+    ceiling: Annotated[float, typer.Option(min=0.1, max=1000, help="Height up to which it must be seen, m.")],
+    floor: Annotated[float, typer.Option(min=0.01, max=100, help="Height down to which it must be seen, m.")],
+    tilt: Annotated[float, typer.Option(min=0, max=60, help="Of the camera, to allow for, degrees.")] = 10.0,
+    offset: Annotated[
+        float, typer.Option(min=0, max=0.9, help="How far off the middle, as a part of the view that the tilt leaves.")
+    ] = 0.2,
+    min_side_px: Annotated[
+        float | None, typer.Option(min=4, max=200, help="Smallest side that is found; 12 without it.")
+    ] = None,
+    max_size_cm: Annotated[float, typer.Option(min=2, max=2000, help="Largest side that you can print.")] = 200.0,
+    detail_mm: Annotated[float, typer.Option(min=0.1, max=50, help="Finest line that you can print.")] = 1.0,
+    out: Annotated[Path | None, typer.Option(help="Pad file to write: .toml.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a pad file that is there.")] = False,
+    draw: Annotated[Path | None, typer.Option(help="Picture of the pad and its heights to write: .png.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON line, nothing else.")] = False,
+) -> None:
+    """Propose a landmark for a camera and a range of heights, and tell from where each part of it is seen.
+
+    Heights are of the camera above the pad. Ends with 1, and writes no pad file, if no pad does all of it.
+    """
+    from app.review.pad_design.command import design_pad, request_of
+    from app.wiring import read_lens
+
+    request = request_of(ceiling, floor, max_size_cm=max_size_cm, min_side_px=min_side_px, detail_mm=detail_mm)
+    answer = design_pad(
+        read_lens(camera),
+        camera.stem,
+        request,
+        tilt_deg=tilt,
+        offset=offset,
+        out=out,
+        draw=draw,
+        overwrite=overwrite,
+    )
+    typer.echo(answer.to_json() if as_json else answer.to_text())
+    if not answer.design.is_met:
+        raise typer.Exit(1)
 
 
 cli.add_typer(calibrate_cli, name="calibrate", help="Calibrate a lens, or the paper's height table; draw a board.")

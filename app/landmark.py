@@ -21,8 +21,9 @@ from app.errors import LandmarkError
 from app.frames import Array
 
 MIN_GAP_FRACTION = 0.01
-"""Thinnest gap between neighbours, as a fraction of the outermost side: 3.8 mm of 38 cm. A thinner line is lost to
-printing and to the camera at once."""
+"""Thinnest gap between neighbours, and shortest side, as a fraction of the side of the contour round it: 3.8 mm in a
+square of 38 cm. A thinner line is lost to printing and to the camera at once. It is measured by the contour round it
+and not by the outermost, since inner contours are looked at from near, where the outer ones are out of view."""
 
 
 class Shape(StrEnum):
@@ -117,6 +118,10 @@ class Landmark:
         """Area of contour `index` over that of the next one inside it."""
         return self.contours[index].area_m2 / self.contours[index + 1].area_m2
 
+    def gaps_m(self, index: int) -> Array:
+        """(n,) distance of contour `index`, at least 1, from each side of the one round it."""
+        return gaps_m(self.contours[index - 1].corners_m, self.contours[index].corners_m)
+
 
 def _unit_polygon(shape: Shape) -> Array:
     """(n, 2) forward, right, of area 1, centred on its bounding box."""
@@ -164,7 +169,7 @@ def _check_gap(name: str, label: str, spec: ContourSpec, parent: Contour, gap_m:
     moved = spec.offset_forward_m != 0.0 or spec.offset_right_m != 0.0
     raise LandmarkError(
         f"landmark {name!r}: {what}",
-        f"a gap of at least {limit_m * 1000:.2f} mm (1% of the size) is needed: make {label} smaller "
+        f"a gap of at least {limit_m * 1000:.2f} mm (1% of {parent.name}'s side) is needed: make {label} smaller "
         f"(its area_ratio is {spec.area_ratio:g})" + (" or move it less" if moved else ""),
     )
 
@@ -191,7 +196,7 @@ def build_landmark(
             "make it a square with area_ratio = 1",
         )
     zone_m = size_m * 46.0 / 38.0 if quiet_zone_m is None else quiet_zone_m
-    limit_m = MIN_GAP_FRACTION * size_m
+    limit_m = MIN_GAP_FRACTION * size_m  # of the contour round the one that is looked at
     if zone_m - size_m < 2 * limit_m:
         raise LandmarkError(
             f"landmark {name!r}: the quiet zone of {zone_m * 100:.2f} cm leaves {(zone_m - size_m) * 50:.2f} cm round "
@@ -208,6 +213,7 @@ def build_landmark(
         corners: Array = _unit_polygon(spec.shape) * math.sqrt(spec.area_ratio) * size_m
         if contours:
             parent = contours[-1]
+            limit_m = MIN_GAP_FRACTION * parent.side_m
             corners = corners + _place(parent.corners_m, corners)
             corners = corners + np.array([spec.offset_forward_m, spec.offset_right_m], dtype=np.float64)
             _check_gap(name, label, spec, parent, float(gaps_m(parent.corners_m, corners).min()), limit_m)
@@ -215,8 +221,8 @@ def build_landmark(
         if contours[-1].side_m < limit_m:
             raise LandmarkError(
                 f"landmark {name!r}: {label} has sides of {contours[-1].side_m * 1000:.2f} mm",
-                f"at least {limit_m * 1000:.2f} mm (1% of the size) is needed: give it a larger area_ratio "
-                f"(it is {spec.area_ratio:g}) or leave it out",
+                f"at least {limit_m * 1000:.2f} mm (1% of the side of the contour round it) is needed: "
+                f"give it a larger area_ratio (it is {spec.area_ratio:g}) or leave it out",
             )
     return Landmark(name, tuple(contours), zone_m)
 

@@ -77,12 +77,12 @@ PAPERS_OWN = ((SQUARE, 1.0), (SQUARE, 1 / 2), (TRIANGLE, 1 / 8), (TRIANGLE, 1 / 
     [
         # The paper's own last ratio: the square needs a triangle of side 6.7175 / 0.46410 = 14.4744 cm and has one of
         # 14.4368 cm; a gap g on each side takes 2 sqrt(3) g off a side, so g = -0.0108 cm.
-        (PAPERS_OWN, ("S5 crosses T4", "sticks out by 0.11 mm", "3.80 mm")),
+        (PAPERS_OWN, ("S5 crosses T4", "sticks out by 0.11 mm", "1.44 mm (1% of T4's side)")),
         # Sides 38 and 37.4257 cm leave 0.287 cm on each side.
         (((SQUARE, 1.0), (SQUARE, 0.97)), ("S2 in S1", "gap of 2.87 mm", "3.80 mm")),
         (((SQUARE, 1.0), (SQUARE, 1.0)), ("S2 touches S1", "3.80 mm")),
         # The second square is larger than the first inner one: 0.5 against 0.6 of the area, 26.8701 and 29.4347 cm.
-        (((SQUARE, 1.0), (SQUARE, 0.5), (SQUARE, 0.6)), ("S3 crosses S2", "sticks out by 12.82 mm", "3.80 mm")),
+        (((SQUARE, 1.0), (SQUARE, 0.5), (SQUARE, 0.6)), ("S3 crosses S2", "sticks out by 12.82 mm", "2.69 mm")),
         # A square of 0.36 cm: 0.36 / 38 squared.
         (((SQUARE, 1.0), (SQUARE, 8.975e-5)), ("S2 has sides of 3.60 mm", "3.80 mm")),
         (((TRIANGLE, 1.0), (SQUARE, 0.1)), ("outermost contour is a triangle", "make it a square")),
@@ -130,8 +130,9 @@ def test_landmark_that_is_drawn_keeps_every_gap_by_a_second_reckoning(shapes, fa
     except LandmarkError:
         assume(False)
     for parent, child in zip(landmark.contours, landmark.contours[1:], strict=False):
-        outline = (parent.corners_m / size_m).astype(np.float32)
-        nearest = min(cv2.pointPolygonTest(outline, (float(f), float(r)), True) for f, r in child.corners_m / size_m)
+        outline = (parent.corners_m / parent.side_m).astype(np.float32)
+        corners = child.corners_m / parent.side_m
+        nearest = min(cv2.pointPolygonTest(outline, (float(f), float(r)), True) for f, r in corners)
         assert nearest > 0.01 - 1e-5
         assert parent.black is not child.black
         assert math.isclose(child.centroid_m[1], 0.0, abs_tol=1e-9)

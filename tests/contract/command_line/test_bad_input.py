@@ -97,7 +97,7 @@ def test_landmark_that_cannot_be_drawn_names_contours_and_limit_and_writes_nothi
     pad.write_text(CROSSING, encoding="utf-8")
     error = alight("landmark", "--config", pad, "--out", out).error
     assert "S3 crosses S2: it sticks out by 12.8" in error
-    assert "3.80 mm" in error
+    assert "2.69 mm" in error
     assert not out.exists()
 
 

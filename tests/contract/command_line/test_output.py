@@ -21,7 +21,7 @@ def test_help_lists_every_command_with_a_line(alight, arguments):
     done = alight(*arguments)
     assert (done.code, done.err) == (0, "")
     listed = dict(line.split(maxsplit=1) for line in done.out.partition("Commands:")[2].splitlines() if line.strip())
-    assert list(listed) == ["demo", "run", "phone", "check", "landmark", "detect"]
+    assert list(listed) == ["demo", "run", "phone", "check", "detect", "landmark", "calibrate"]
     assert all(words.endswith(".") for words in listed.values())
 
 
