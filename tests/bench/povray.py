@@ -84,12 +84,13 @@ class Drawn:
 
 
 # ------------------------------------------------------------------------------------------------------- rendering
-def trace(text: str, smooth: int, window: tuple[int, int, int, int] | None = None) -> Plane:
+def trace(text: str, smooth: int, window: tuple[int, int, int, int] | None = None, threshold: float = 0.05) -> Plane:
     """(HEIGHT, WIDTH) linear light of a scene.
 
     Args:
         text: The scene.
         smooth: Samples per pixel and direction where neighbours differ; 0: one a pixel.
+        threshold: How much neighbours must differ for that; a white board is 0.3.
         window: (left, top, right, bottom) pixels to render, half open; all by default. The rest is 0.
 
     Raises:
@@ -103,7 +104,7 @@ def trace(text: str, smooth: int, window: tuple[int, int, int, int] | None = Non
         source.write_text(text)
         command = [program, f"+I{source}", f"+O{out}", f"+W{WIDTH}", f"+H{HEIGHT}", "+FN16", "+WT1", "-J"]
         command += ["Grayscale_Output=true", "File_Gamma=1", "Display=off", "Verbose=off"]
-        command += ["+A0.05", "+AM1", f"+R{smooth}"] if smooth else ["-A"]
+        command += [f"+A{threshold}", "+AM1", f"+R{smooth}"] if smooth else ["-A"]
         if window is not None:
             left, top, right, bottom = window
             command += [f"+SC{left + 1}", f"+EC{right}", f"+SR{top + 1}", f"+ER{bottom}"]
@@ -163,11 +164,11 @@ def hidden_part(drawn: Drawn) -> float:
 
 def light_of(drawn: Drawn) -> Plane:
     """The whole picture, and the board in it again with more samples: its edges are what is measured."""
-    light = trace(drawn.text, 2)
+    light = trace(drawn.text, 2, threshold=0.1)
     window = _window(drawn, SIDE_M * MARGIN, 3)
     if window is not None:
         left, top, right, bottom = window
-        fine = trace(drawn.text, 4, window)
+        fine = trace(drawn.text, 4 if (right - left) * (bottom - top) < 60_000 else 3, window)
         light[top:bottom, left:right] = fine[top:bottom, left:right]
     return light
 

@@ -24,8 +24,9 @@ import sequences
 import sets
 from detectors import ENTRIES, Contestant
 from judge import Verdict, judge, rate, summary
-from optics import lens
+from optics import Optics, lens
 from picture import draw_verdict
+from povray_folder import FolderError, load_folder
 from store import Case, cache_folder, load, load_sequence
 
 CHUNK = 24
@@ -33,6 +34,9 @@ DEFAULT_COUNT = 96
 SEQUENCES = "sequences"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Read by numpy's libraries when they are loaded."""
+
+
+Results = dict[str, dict[str, list[Verdict]]]
 
 
 class Progress:
@@ -96,10 +100,24 @@ def run_stills(
 ) -> dict[str, list[Verdict]]:
     """A set of single frames: verdicts of each detector."""
     optics = lens("B" if set_name.endswith("-B") else "A")
+    return _run(load(set_name, count, unseen), optics, names, save, progress)
+
+
+def run_folder(folder: Path, names: list[str], save: Path | None, progress: Progress) -> Results:
+    """The sets that povray.py left in a folder. In its sets "none" there is no landmark: what is found is wrong."""
+    return {
+        set_name: _run(iter(cases), cases[0].optics, names, save, progress)
+        for set_name, cases in load_folder(folder).items()
+    }
+
+
+def _run(
+    cases: Iterator[Case], optics: Optics, names: list[str], save: Path | None, progress: Progress
+) -> dict[str, list[Verdict]]:
     contestants = {name: ENTRIES[name].make(optics, True) for name in names}
     verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
     warm = False
-    for chunk in _chunks(load(set_name, count, unseen), CHUNK):
+    for chunk in _chunks(cases, CHUNK):
         _prepare(chunk, names, progress.tell)
         if not warm:
             for name in names:
@@ -148,9 +166,6 @@ def _rate_cell(verdicts: list[Verdict]) -> str:
         return "-"
     wrong = sum(v.outcome == "wrong" for v in verdicts)
     return f"{rate(verdicts):.1f}" + (f" ({wrong} wrong)" if wrong else "")
-
-
-Results = dict[str, dict[str, list[Verdict]]]
 
 
 def _visible(verdicts: list[Verdict]) -> list[Verdict]:
@@ -303,6 +318,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--unseen", action="store_true", help="the part that is not looked at while tuning")
     parser.add_argument("--json", type=Path, help="write every figure and verdict to this file")
     parser.add_argument("--save", type=Path, help="write a picture of every frame that was missed or wrong here")
+    parser.add_argument("--folder", type=Path, help="frames by povray.py, with Alight alone, in place of the sets")
     options = parser.parse_args(arguments)
     if options.count < 1:
         parser.error("--count: give at least 1")
@@ -310,6 +326,13 @@ def main(arguments: list[str] | None = None) -> int:
     names: list[str] = options.detectors
     progress = Progress()
     results: Results = {}
+    if options.folder is not None:
+        names, options.sets, options.unseen = ["alight"], [], True
+        try:
+            results = run_folder(options.folder, names, options.save, progress)
+        except FolderError as fault:
+            parser.error(str(fault))
+        options.count = max(len(verdicts["alight"]) for verdicts in results.values())
     for set_name in options.sets:
         if set_name == SEQUENCES:
             results[SEQUENCES] = run_sequences(names, options.unseen, options.save, progress)
