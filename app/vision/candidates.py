@@ -21,6 +21,7 @@ from app.vision.evidence import (
     Explained,
     check_edges,
     check_inverted,
+    check_likeness,
     check_picture,
     check_rectified,
     explain,
@@ -40,6 +41,13 @@ innermost contours there are 2.7 pixels at this size."""
 SMALLEST_PX = 8.0
 FIRST_REACH_PX = 4.0
 NEXT_REACH_PX = 3.0
+REACH_PART = 0.012
+"""Where sides are still missing they are sought this part of the outer side away, nearer in steps."""
+PARTIAL_REACHES_PX = (12.0, 6.0)
+PARTIAL_POINTS = 12
+PARTIAL_SHARE = 0.6
+MORE_STEPS = 3
+NEARLY_ALL = 0.9
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 RESOLVED_PX = 110.0
@@ -126,11 +134,15 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
     """Fit the edges from a map that is nearly right for the contours `run`, and judge."""
     geometry = view.geometry
     fit = fit_edges(view.image, rays_from_pad, geometry, view.lens, run, reach_px, view.origin)
-    if fit is not None and fit.edges.step_px > STILL_MOVING_PX:
-        everything = range(len(geometry.landmark.contours))
-        fit = fit_edges(
-            view.image, fit.rays_from_pad, geometry, view.lens, everything, (FINE_REACH_PX,) * 2, view.origin
-        )
+    everything = range(len(geometry.landmark.contours))
+    for _ in range(MORE_STEPS):
+        if fit is None or (fit.edges.step_px < STILL_MOVING_PX and fit.edges.share > NEARLY_ALL):
+            break
+        before = fit.edges.share
+        reach_px = (max(NEXT_REACH_PX, REACH_PART * fit.edges.side_px), NEXT_REACH_PX, FINE_REACH_PX)
+        fit = fit_edges(view.image, fit.rays_from_pad, geometry, view.lens, everything, reach_px, view.origin)
+        if fit is not None and fit.edges.step_px < STILL_MOVING_PX and fit.edges.share <= before + 0.02:
+            break
     if fit is None:
         return Rejection(Refusal.SIDES, "its sides don't hold the drawing")
     return judge_edges(fit, view)
@@ -143,7 +155,7 @@ def judge_edges(fit: EdgeFit, view: View) -> Found | Rejection:
     if refused is not None:
         return refused
     patch = rectify(view, fit.rays_from_pad)
-    refused = check_inverted(patch, geometry)
+    refused = check_inverted(patch, geometry) or check_likeness(patch, geometry)
     if refused is not None:
         return refused
     share = edges.confirmed / np.maximum(edges.in_view, 1)
@@ -213,6 +225,12 @@ def _by_picture(maps: list[Array], view: View) -> list[tuple[Array, Patch, Expla
     return found
 
 
+def reaches(patch: Patch) -> tuple[float, ...]:
+    """How far from a rough map edges are sought, step by step."""
+    first = max(FIRST_REACH_PX, REACH_PART * side_px(patch))
+    return first, 0.5 * (first + NEXT_REACH_PX), NEXT_REACH_PX, FINE_REACH_PX
+
+
 def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
     """Confirm the best of some maps that differ in the heading.
 
@@ -229,12 +247,43 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
         if side_px(patch) < SMALL_PX:
             found = confirm_small(matrix, view)
         else:
-            found = confirm_large(matrix, run, view, (FIRST_REACH_PX, NEXT_REACH_PX, FINE_REACH_PX))
+            found = confirm_large(matrix, run, view, reaches(patch))
         if isinstance(found, Found):
             return found
         if nearest is None or found.test > nearest.test:
             nearest = found
     assert nearest is not None
+    return nearest
+
+
+def confirm_partial(start: Array, contour: int, view: View) -> Found | Rejection:
+    """Confirm a map that was made from one side of a contour, and is rough away from it.
+
+    Args:
+        start: rays_from_pad.
+        contour: Whose side it is; which of its sides is open.
+        view: What to look at.
+    """
+    geometry = view.geometry
+    name = geometry.landmark.contours[contour].name
+    alone = range(contour, contour + 1)
+    fit = fit_edges(view.image, start, geometry, view.lens, alone, PARTIAL_REACHES_PX, view.origin, alone=True)
+    if fit is None:
+        return Rejection(Refusal.NOT_CONVEX, f"its sides don't hold {name}")
+    seen, confirmed = int(fit.edges.in_view[contour]), int(fit.edges.confirmed[contour])
+    if confirmed < max(PARTIAL_POINTS, PARTIAL_SHARE * seen):
+        return Rejection(Refusal.NOT_CONVEX, f"{confirmed} of {seen} points on the sides of {name} are there")
+    turns = geometry.turns_about(contour)
+    ordered = _by_picture([fit.rays_from_pad @ turn for turn in turns], view)
+    nearest = Rejection(Refusal.SHAPE, "too little of it lies in the image")
+    for matrix, patch, _ in ordered[:2]:
+        if side_px(patch) < SMALL_PX:
+            continue
+        found = confirm_large(matrix, alone, view, reaches(patch))
+        if isinstance(found, Found):
+            return found
+        if found.test > nearest.test:
+            nearest = found
     return nearest
 
 

@@ -21,10 +21,11 @@ from app.landmark import Landmark, Shape
 from app.messages import Detection, Frame, Image, PlaneFit, SeenContour
 from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
-from app.vision.candidates import SMALL_PX, Candidate, Found, confirm, confirm_large, confirm_small, examine
+from app.vision.candidates import SMALL_PX, Candidate, Found, confirm, confirm_large, confirm_partial, confirm_small, examine
 from app.vision.contours import contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
+from app.vision.partial import readings, sides
 from app.vision.patch import View, rectify
 from app.vision.preprocess import (
     Prepared,
@@ -197,6 +198,13 @@ class Detector:
                 result = confirm(maps, range(2), view)
                 refused = result if isinstance(result, Rejection) else None
                 candidates.append(Candidate((box,), "small", refused))
+                if isinstance(result, Found):
+                    return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
+        for side in sides(tree, prepared, view):
+            for k, start in readings(side, self.geometry):
+                result = confirm_partial(start, k, view)
+                refused = result if isinstance(result, Rejection) else None
+                candidates.append(Candidate((side.outline_px,), "side", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         return Attempt(how, prepared.region, level, binary, tuple(candidates), None)

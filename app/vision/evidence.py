@@ -40,10 +40,13 @@ CONTOUR_MISSING = 0.3
 NEIGHBOUR_WHOLE = 0.85
 """A contour is missing if less than the one part of it is confirmed, though a neighbour is whole by the other: what
 covers a contour covers some of its neighbours too."""
+BENT_MAX = 0.08
+"""What a lens that is not as its file says may bend the plane by."""
 INVERTED = 0.014
 """Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
 the other; a triangle upside down is both, by 4% each."""
-WHOLE_MIN = 0.85
+LIKE_MIN = 0.5
+WHOLE_MIN = 0.92
 """Correlation of a small landmark's patch with the drawing as this light and lens show it."""
 INNER_MIN = 0.8
 """The same inside the innermost contour that was resolved."""
@@ -107,6 +110,9 @@ def check_edges(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
     if edges.share < MIN_SHARE:
         text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE * 100:.0f}%"
         return Rejection(Refusal.SIDES, text)
+    if edges.bent > BENT_MAX:
+        text = f"its two axes are not alike or not at right angles ({edges.bent:.2f}, over {BENT_MAX:.2f})"
+        return Rejection(Refusal.SHAPE, text)
     share = edges.confirmed / np.maximum(edges.in_view, 1)
     judged = edges.in_view >= CONTOUR_POINTS
     for k in np.flatnonzero(judged & (share < CONTOUR_MISSING)):
@@ -124,6 +130,18 @@ def heading_is_open(edges: Edges, geometry: LandmarkGeometry) -> Rejection | Non
     if confirmed < max(MIN_HEADING_POINTS, MIN_HEADING_SHARE * seen):
         text = f"heading open: {confirmed} of {seen} points that would tell are as drawn"
         return Rejection(Refusal.HEADING, text)
+    return None
+
+
+def check_likeness(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether a large landmark's patch resembles the drawing at all, shadows and covers allowed."""
+    cells = _seen(patch, geometry.cells(None))
+    if len(cells) < MIN_CELLS:
+        return None
+    found = explain(patch.grey.ravel()[cells], geometry.template(PSF_SIGMA_PX / patch.cell_px), cells)
+    if found.correlation < LIKE_MIN:
+        text = f"correlation with the drawn landmark {found.correlation:.2f}, under {LIKE_MIN:.2f}"
+        return Rejection(Refusal.CORRELATION, text)
     return None
 
 
@@ -175,7 +193,7 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp], few: bool 
     terms = template.appearance[cells]
     terms = terms[:, [0, 8]] if few else terms
     normal = terms.T @ terms
-    normal.flat[:: len(normal) + 1] += len(cells) * (1e-9 + 1e-3 * template.hold[[0, 8] if few else slice(None)])
+    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + (template.hold[[0, 8]] if few else template.hold)
     solution = np.linalg.solve(normal, terms.T @ grey)
     model = terms @ solution
     off = grey - model

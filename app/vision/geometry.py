@@ -72,7 +72,7 @@ class Template:
     @cached_property
     def hold(self) -> Array:
         """(9,) how strongly each term of the appearance is held near 0 where only the appearance is fitted."""
-        return np.array([0.0, 0.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.0])
+        return np.array([0.0, 0.0, 1.0, 1.0, 1.0, 6.0, 10.0, 10.0, 0.0])
 
     @cached_property
     def trust(self) -> Array:
@@ -234,6 +234,17 @@ class LandmarkGeometry:
     def turns(self, corners: int) -> Array:
         """(corners, 2, 2) matrices that turn row vectors (forward, right) by whole parts of a circle."""
         return _turns(corners)
+
+    def turns_about(self, contour: int) -> list[Array]:
+        """(3, 3) maps of the pad's plane that turn a contour into itself: (forward, right, 1) to the same."""
+        centre = self.centroids[contour]
+        found = []
+        for turn in self.turns(len(self.landmark.contours[contour].corners_m)):
+            matrix = np.eye(3)
+            matrix[:2, :2] = turn.T
+            matrix[:2, 2] = centre - turn.T @ centre
+            found.append(matrix)
+        return found
 
     @cached_property
     def outer_gap_m(self) -> Array:

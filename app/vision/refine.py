@@ -41,6 +41,11 @@ NARROWEST_PX = 1.2
 MIN_CONTRAST = 8.0
 CONTRAST_PART = 0.2
 """An edge must have this part of the median contrast of all: in the shade it is fainter."""
+STEP_PART = 0.5
+"""An edge is dark on one side and bright on the other: the means of both sides differ by this part of all that the
+grey varies. Ideal ones reach 0.75 to 0.9, texture seldom half of that."""
+FAR_STEP_PART = 0.12
+"""While it is sought far off it doesn't lie in the middle."""
 AGREES_PX = 0.8
 AGREES_PART = 0.006
 """An edge point is confirmed if it lies this near to the fit, and this part of the outer side in addition (bent prints,
@@ -49,10 +54,15 @@ BIAS_SIGMA_PX = 0.3
 """What all black may be large by, in the image."""
 SCATTER_MIN_PX = 0.05
 """Edge points never are better than this."""
+SOFT = 0.25
+"""While edges are sought far off, those that lie this part of the way are not outliers yet."""
 CUTOFF = 3.0
 """Tukey's biweight ends at this many times the scatter."""
-HOLD_PERSPECTIVE = 0.02
+HOLD_PERSPECTIVE = 0.005
 """Holds the two perspective terms unless the edges say otherwise, as a part of the information on the shift."""
+RIGID_SIGMA = 0.01
+"""The pad's two axes are at right angles and equally long; a lens that is not quite as its file says bends that by
+so much. It steadies the fit where few edges are seen, and is no part of the information."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +77,7 @@ class Edges:
         scatter_px: Root mean square distance of the confirmed points from the fit.
         step_px: Largest move of an edge in the last step.
         side_px: Side of the outermost contour in the image, about.
+        bent: How far the pad's two axes are from right angles and equal lengths.
     """
 
     in_view: NDArray[np.intp]
@@ -76,6 +87,7 @@ class Edges:
     scatter_px: float
     step_px: float
     side_px: float
+    bent: float
 
     @property
     def share(self) -> float:
@@ -169,9 +181,9 @@ def _measure(
         reach = np.minimum(room, reach_px)
     height, width = image.shape
     at = (px - origin).astype(np.float32)
-    step = (normal * reach[:, None]).astype(np.float32)
-    u = at[:, :1] + step[:, :1] * _S32
-    v = at[:, 1:] + step[:, 1:] * _S32
+    across = (normal * reach[:, None]).astype(np.float32)
+    u = at[:, :1] + across[:, :1] * _S32
+    v = at[:, 1:] + across[:, 1:] * _S32
     ends_u, ends_v = np.abs(2.0 * u[:, ::_SPAN] - (width - 1)), np.abs(2.0 * v[:, ::_SPAN] - (height - 1))
     in_view = valid & (room >= NARROWEST_PX) & (ends_u.max(axis=1) <= width - 1) & (ends_v.max(axis=1) <= height - 1)
     if not valid.all():
@@ -189,7 +201,8 @@ def _measure(
         held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
         level = np.where(wide, level, held)
     where, crosses = _crossings(rising, level)
-    found = in_view & crosses & (contrast >= MIN_CONTRAST)
+    step = (rising[:, _HALF + 1 :].sum(axis=1) - rising[:, :_HALF].sum(axis=1)) * (1.0 / _HALF)
+    found = in_view & crosses & (contrast >= MIN_CONTRAST) & (step >= (STEP_PART if reach_px <= FINE_REACH_PX else FAR_STEP_PART) * contrast)
     if found.any():
         found &= contrast >= CONTRAST_PART * _median(contrast[found])
     offset = np.where(found, where * reach, 0.0)
@@ -228,7 +241,21 @@ class _Step:
     information: Array
 
 
-def _solve(measured: _Measured, sign: Array, rounds: int) -> _Step | None:
+def _rigidity(matrix: Array) -> tuple[Array, Array]:
+    """(2, 8) and (2,): how the angle and the lengths of the pad's two axes change with d, and how far off they are."""
+    g = matrix.T @ matrix
+    (g00, g01, g02), (_, g11, g12), _ = g.tolist()
+    unit = 2.0 / (g00 + g11)
+    slope = np.array(
+        [
+            [g01, g00, 0.0, g11, g01, 0.0, g12, g02],
+            [2.0 * g00, -2.0 * g01, 0.0, 2.0 * g01, -2.0 * g11, 0.0, 2.0 * g02, -2.0 * g12],
+        ]
+    )
+    return slope * unit, np.array([g01 * unit, (g00 - g11) * unit])
+
+
+def _solve(measured: _Measured, sign: Array, matrix: Array, rounds: int, least_px: float) -> _Step | None:
     """Robust least squares for the warp and the common error of all black; None where the points determine nothing."""
     rows = np.empty((len(measured.offset), 9))
     rows[:, :8] = measured.jacobian
@@ -238,9 +265,10 @@ def _solve(measured: _Measured, sign: Array, rounds: int) -> _Step | None:
     if count < 9:
         return None
     residual = measured.offset
-    scatter = max(SCATTER_MIN_PX, 1.5 * _median(np.abs(residual[measured.found])))
+    scatter = max(least_px, 1.5 * _median(np.abs(residual[measured.found])))
     solution = np.zeros(9)
     normal = np.zeros((9, 9))
+    rigid, bent = _rigidity(matrix)
     for _ in range(rounds):
         weighted = rows * weight[:, None]
         normal = weighted.T @ rows
@@ -250,12 +278,16 @@ def _solve(measured: _Measured, sign: Array, rounds: int) -> _Step | None:
         held[7, 7] += hold
         held[8, 8] += (scatter / BIAS_SIGMA_PX) ** 2
         held.flat[::10] += 1e-9 * count
+        stiff = rigid.T * (scatter / RIGID_SIGMA) ** 2
+        held[:8, :8] += stiff @ rigid
+        side = weighted.T @ measured.offset
+        side[:8] -= stiff @ bent
         try:
-            solution = np.asarray(np.linalg.solve(held, weighted.T @ measured.offset), dtype=np.float64)
+            solution = np.asarray(np.linalg.solve(held, side), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         residual = measured.offset - rows @ solution
-        scatter = max(SCATTER_MIN_PX, 1.5 * _median(np.abs(residual[measured.found])))
+        scatter = max(least_px, 1.5 * _median(np.abs(residual[measured.found])))
         t = residual * (1.0 / (CUTOFF * scatter))
         weight = np.where(measured.found, np.maximum(0.0, 1.0 - t * t) ** 2, 0.0)
     total = float(weight.sum())
@@ -281,6 +313,8 @@ def fit_edges(
     run: range,
     reach_px: tuple[float, ...],
     origin: tuple[int, int] = (0, 0),
+    *,
+    alone: bool = False,
 ) -> EdgeFit | None:
     """Fit the drawing to its edges, from a map that is nearly right.
 
@@ -292,6 +326,7 @@ def fit_edges(
         run: Contours to begin with; in each further step their neighbours are taken in too.
         reach_px: For each step, how far from the map an edge may be.
         origin: (u0, v0) of the region.
+        alone: No neighbours are taken in.
 
     Returns:
         The fit, with what the last step saw of all contours of the landmark that it had taken in; None where nothing
@@ -306,11 +341,11 @@ def fit_edges(
     solved: _Step | None = None
     moved = 0.0
     for k, reach in enumerate(reach_px):
-        if k > 0 and (run.start > 0 or run.stop < count):
+        if k > 0 and not alone and (run.start > 0 or run.stop < count):
             run = range(max(0, run.start - 1), min(count, run.stop + 1))
             points = _Points(geometry, run)
         measured = _measure(image, origin, matrix, points, lens, reach)
-        solved = _solve(measured, points.sign, 3)
+        solved = _solve(measured, points.sign, matrix, 3, max(SCATTER_MIN_PX, SOFT * (reach - FINE_REACH_PX)))
         if solved is None or not float(np.abs(solved.d).max()) < 0.5:
             return None
         matrix = matrix @ warp(solved.d)
@@ -329,5 +364,6 @@ def fit_edges(
         solved.scatter_px,
         moved,
         2.0 * measured.unit_px,
+        float(np.abs(_rigidity(matrix)[1]).max()),
     )
     return EdgeFit(matrix / scale, solved.information, edges)
