@@ -9,6 +9,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from app.frames import Array
 from app.vision.camera_model import tangent_basis
@@ -25,6 +26,8 @@ MIN_COMPACT = 0.04
 MAX_ASPECT = 1.7
 MIN_FILLED = 0.68
 """Area over that of the smallest rectangle round it."""
+QUAD_TOLERANCE = 0.07
+"""Of Douglas and Peucker's, as a part of the contour's pixels."""
 MAX_BLOBS = 80
 MAX_MAPS = 4
 LIKENESS = 0.5
@@ -43,22 +46,37 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
         area = cv2.contourArea(points)
         if area < MIN_COMPACT * len(points) ** 2:
             continue
-        (u, v), (w, h), angle = cv2.minAreaRect(points)
-        if max(w, h) > MAX_ASPECT * min(w, h) + 1.0 or area < MIN_FILLED * w * h:
+        quad = _quadrangle(points, area)
+        if quad is None:
             continue
-        # A contour runs through the middles of black pixels.
-        pad = 1.0 if black[k] else -1.0
-        scale = 1.0 if black[k] else 1.0 / grown
-        w, h = (w + pad) * scale, (h + pad) * scale
-        if min(w, h) * reduction < SIDES_PX[0] or max(w, h) * reduction > SIDES_PX[1]:
+        # A contour runs through the middles of black pixels; a bright one is the quiet zone.
+        middle = quad.mean(axis=0)
+        arm = quad - middle
+        reach = float(np.sqrt((arm * arm).sum(axis=1)).mean())
+        arm *= (1.0 + math.sqrt(0.5) / reach) if black[k] else (1.0 - math.sqrt(0.5) / reach) / grown
+        sides = np.sqrt(((arm - np.roll(arm, 1, axis=0)) ** 2).sum(axis=1))
+        if float(sides.min()) * reduction < SIDES_PX[0] or float(sides.max()) * reduction > SIDES_PX[1]:
             continue
-        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-        a, b = np.array([c * w, s * w]) / 2.0, np.array([-s * h, c * h]) / 2.0
-        middle = np.array([u, v])
-        boxes.append(np.stack([middle - a - b, middle + a - b, middle + a + b, middle - a + b]))
+        boxes.append(middle + arm)
         if len(boxes) == MAX_BLOBS:
             break
     return prepared.to_frame(np.stack(boxes)) if boxes else np.zeros((0, 4, 2))
+
+
+def _quadrangle(points: NDArray[np.int32], area: float) -> Array | None:
+    """(4, 2) a contour's corners, clockwise: its own if it has four, else those of the smallest rectangle round it."""
+    simple = cv2.approxPolyDP(points, QUAD_TOLERANCE * len(points), True)
+    if len(simple) == 4 and cv2.isContourConvex(simple):
+        own = simple[:, 0].astype(np.float64)
+        covered = cv2.contourArea(simple, oriented=True)
+        if abs(covered) > MIN_FILLED * area:
+            return own if covered > 0 else own[::-1]
+    box = cv2.minAreaRect(points)
+    w, h = box[1]
+    if max(w, h) > MAX_ASPECT * min(w, h) + 1.0 or area < MIN_FILLED * w * h:
+        return None
+    corners = cv2.boxPoints(box).astype(np.float64)
+    return corners if cv2.contourArea(corners.astype(np.float32), oriented=True) > 0 else corners[::-1]
 
 
 def _likeness(boxes: Array, view: View) -> Array:

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from app.frames import Array
 from app.vision.align import STEPS, Alignment, align
+from app.vision.agreement import check_agreement
 from app.vision.contours import Nest
 from app.vision.evidence import (
     INNER_MIN,
     WHOLE_MIN,
     Explained,
+    check_contours,
     check_edges,
     check_inverted,
     check_likeness,
@@ -52,6 +54,10 @@ STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 RESOLVED_PX = 110.0
 """From this side on the edges of all contours of the paper's landmark are measured; below, the picture must vouch."""
+SHADED_MIN_PX = 24.0
+SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
+IN_PLACES_MAX_PX = 400.0
+"""Larger landmarks show enough edges; the cells of their patch are many pixels wide."""
 MIN_GAP_SEEN_PX = 1.0
 CONTOUR_SHARE = 0.5
 """A contour counts as found if this part of its edge points is confirmed."""
@@ -151,11 +157,19 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
 def judge_edges(fit: EdgeFit, view: View) -> Found | Rejection:
     """A fit by its edges, confirmed or refused."""
     geometry, edges = view.geometry, fit.edges
-    refused = check_edges(edges, geometry) or heading_is_open(edges, geometry)
+    refused = check_edges(edges)
     if refused is not None:
         return refused
     patch = rectify(view, fit.rays_from_pad)
-    refused = check_inverted(patch, geometry) or check_likeness(patch, geometry)
+    score = edges.share
+    open_yet = check_contours(edges, geometry) or heading_is_open(edges, geometry)
+    refused = open_yet or check_inverted(patch, geometry) or check_likeness(patch, geometry)
+    if refused is None and edges.side_px < RESOLVED_PX:
+        resolved = int(np.flatnonzero(edges.in_view).max())
+        if resolved < len(geometry.landmark.contours) - 1:
+            refused, _ = check_picture(patch, resolved, geometry, INNER_MIN)
+    if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
+        refused, score = check_agreement(patch, geometry)
     if refused is not None:
         return refused
     share = edges.confirmed / np.maximum(edges.in_view, 1)
@@ -163,13 +177,21 @@ def judge_edges(fit: EdgeFit, view: View) -> Found | Rejection:
     run = _visible(fit.rays_from_pad, run, view)
     if len(run) < 2:
         return Rejection(Refusal.CODE, f"{len(run)} contour is whole enough, under 2")
-    if edges.side_px < RESOLVED_PX and run.stop < len(geometry.landmark.contours):
-        refused, _ = check_picture(patch, run.stop - 1, geometry, INNER_MIN)
-        if refused is not None:
-            return refused
     return Found(
-        fit.rays_from_pad, fit.information, edges.scatter_px, run, edges.share, edges.side_px, edges.level, edges.share
+        fit.rays_from_pad, fit.information, edges.scatter_px, run, score, edges.side_px, edges.level, edges.share
     )
+
+
+def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
+    """A small landmark that a shadow or a cover crosses: fit the edges of its outer contours, and judge place by place.
+
+    The picture as a whole can't be aligned then.
+    """
+    run = range(min(2, len(view.geometry.landmark.contours)))
+    fit = fit_edges(
+        view.image, rays_from_pad, view.geometry, view.lens, run, SHADED_REACHES_PX, view.origin, alone=True
+    )
+    return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view)
 
 
 def confirm_small(rays_from_pad: Array, view: View, steps: int = STEPS) -> Found | Rejection:
@@ -246,6 +268,9 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
     for matrix, patch, _ in ordered[:2]:
         if side_px(patch) < SMALL_PX:
             found = confirm_small(matrix, view)
+            if isinstance(found, Rejection) and side_px(patch) >= SHADED_MIN_PX:
+                second = confirm_shaded(matrix, view)
+                found = second if isinstance(second, Found) or second.test > found.test else found
         else:
             found = confirm_large(matrix, run, view, reaches(patch))
         if isinstance(found, Found):

@@ -32,6 +32,8 @@ FEWEST_POINTS = 24
 """Edge points that must be confirmed at all."""
 MIN_SHARE = 0.6
 """Part of the edge points in view that must be confirmed: a quarter may be covered, some are lost in glare."""
+MIN_SHARE_IN_PLACES = 0.4
+"""The same where the picture vouches place by place."""
 MIN_HEADING_SHARE = 0.5
 MIN_HEADING_POINTS = 8
 """So many of the points on contours that look different when the landmark is turned, and this part of those in view."""
@@ -98,21 +100,29 @@ def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry
 
 
 # ------------------------------------------------------------------------------------------------------------ edges
-def check_edges(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
-    """Whether the drawing's edges are there, contour by contour."""
-    names = [c.name for c in geometry.landmark.contours]
+def check_edges(edges: Edges) -> Rejection | None:
+    """Whether enough of the drawing's edges are there at all."""
     total = int(edges.confirmed.sum())
     if total < FEWEST_POINTS:
         return Rejection(Refusal.SIDES, f"{total} points of its sides are seen, under {FEWEST_POINTS}")
     if edges.contrast < MIN_CONTRAST:
         text = f"contrast {edges.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
         return Rejection(Refusal.CONTRAST, text)
-    if edges.share < MIN_SHARE:
-        text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE * 100:.0f}%"
+    if edges.share < MIN_SHARE_IN_PLACES:
+        text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE_IN_PLACES * 100:.0f}%"
         return Rejection(Refusal.SIDES, text)
     if edges.bent > BENT_MAX:
         text = f"its two axes are not alike or not at right angles ({edges.bent:.2f}, over {BENT_MAX:.2f})"
         return Rejection(Refusal.SHAPE, text)
+    return None
+
+
+def check_contours(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether the edges alone prove the drawing, contour by contour."""
+    if edges.share < MIN_SHARE:
+        text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE * 100:.0f}%"
+        return Rejection(Refusal.SIDES, text)
+    names = [c.name for c in geometry.landmark.contours]
     share = edges.confirmed / np.maximum(edges.in_view, 1)
     judged = edges.in_view >= CONTOUR_POINTS
     for k in np.flatnonzero(judged & (share < CONTOUR_MISSING)):
