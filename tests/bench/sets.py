@@ -111,7 +111,7 @@ def _scene(rng: Rng, lens_name: str, rotation: Array, translation: Array, unseen
     albedo = {"lawn": (0.06, 0.2), "asphalt": (0.06, 0.2), "concrete": (0.25, 0.5), "gravel": (0.15, 0.4)}
     paper = _uniform(rng, 0.65, 0.9)
     clutter = rng.random() < 0.35
-    motion = _uniform(rng, 0.0, 2.0 if dusk else 1.2)
+    motion = _uniform(rng, 0.0, 1.5) if rng.random() < 0.8 else _uniform(rng, 1.5, 4.0)
     angle = _uniform(rng, 0, 2 * math.pi)
     motion_px = (motion * math.cos(angle), motion * math.sin(angle))
     shake = shake_for(lens_name, translation, motion_px, _uniform(rng, -0.01, 0.01) * motion)
@@ -135,14 +135,14 @@ def _scene(rng: Rng, lens_name: str, rotation: Array, translation: Array, unseen
         ink=_uniform(rng, 0.03, 0.09),
         board_shadow=(_uniform(rng, -0.02, 0.02), _uniform(rng, -0.02, 0.02)),
         sky=_uniform(rng, 0.3, 0.9),
-        blur_px=_uniform(rng, 0.4, 1.1) if rng.random() < 0.8 else _uniform(rng, 1.0, 1.5),
+        blur_px=_uniform(rng, 0.4, 1.5),
         veil=_uniform(rng, 0.0, 0.06 if name == "glare" else 0.02),
         vignette=_uniform(rng, 0.05, 0.4),
         meter=_uniform(rng, 0.1, 0.9),
-        exposure=_log_uniform(rng, 0.35, 0.8) if dusk else _log_uniform(rng, 0.65, 1.5),
+        exposure=_log_uniform(rng, 0.35, 0.8) if dusk else _log_uniform(rng, 0.5, 2.0),
         gamma=_uniform(rng, 1.6, 2.4),
         black_level=_uniform(rng, 0, 12),
-        noise=_uniform(rng, 3.0, 6.0) if dusk else _uniform(rng, 1.0, 3.5),
+        noise=_uniform(rng, 3.0, 6.0) if dusk else _log_uniform(rng, 1.0, 6.0),
         noise_grain=_uniform(rng, 0.2, 0.8),
         jpeg=int(rng.integers(60, 96)) if rng.random() < 0.2 else None,
     )
@@ -170,17 +170,22 @@ def _at_pixel(rng: Rng, lens_name: str, rotation: Array, height: float, px: Arra
 
 
 def _heights(rng: Rng, lens_name: str, index: int, unseen: bool) -> tuple[Scene, str]:
-    """Rule: the pad's middle is seen at any pixel, at most 45 degrees off the vertical; tilt up to 10 degrees."""
+    """Rule: the pad's middle is seen at any pixel of the image or, every other time round the heights, of its middle
+    half in each direction; at most 45 degrees off the vertical; tilt up to 10 degrees."""
     height = HEIGHTS_M[index % len(HEIGHTS_M)]
+    part = 0.5 if index // len(HEIGHTS_M) % 2 else 1.0
     rotation = _pose(rng, 10.0)
-    translation = _at_pixel(rng, lens_name, rotation, height, _pixel(rng))
+    px = CENTRE + part * (_pixel(rng) - CENTRE)
+    translation = _at_pixel(rng, lens_name, rotation, height, px)
     return _scene(rng, lens_name, rotation, translation, unseen), f"{height:.2f} m"
 
 
 def _cone(rng: Rng, lens_name: str, _index: int, unseen: bool) -> tuple[Scene, str]:
-    """Rule: height 0.3..3 m, evenly; over any place of the circle whose radius is the height, evenly by area; tilt up
-    to 10 degrees; drawn anew where a part of the outer square is out of the image."""
-    height = _uniform(rng, 0.3, 3.0)
+    """Rule: any place in the volume of the cone of 3 m height and 6 m diameter over the pad, evenly, from 0.3 m up;
+    tilt up to 10 degrees; drawn anew where a part of the outer square is out of the image."""
+    height = 3.0 * rng.random() ** (1 / 3)
+    if height < 0.3:
+        raise ImpossibleError
     rotation = _pose(rng, 10.0)
     radius, angle = height * math.sqrt(rng.random()), _uniform(rng, 0, 2 * math.pi)
     eye = np.array([radius * math.cos(angle), radius * math.sin(angle), -height])
