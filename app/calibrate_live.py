@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import AsyncGenerator, AsyncIterator
+from contextlib import asynccontextmanager
 
 from rich.console import Console
 from rich.live import Live
@@ -15,6 +17,7 @@ from app.calibration.coverage import VIEWS_MAX
 from app.calibration.heights import Sample, measure
 from app.errors import CameraError
 from app.estimation.fix import pose_estimator
+from app.messages import Frame
 from app.ports import Camera
 from app.review.calibration.words import coverage_lines
 from app.tasks.compute import Compute, InThread, in_place
@@ -58,8 +61,8 @@ async def gather_views(camera: Camera, collector: Collector, console: Console, c
     if live is not None:
         live.start()
     try:
-        async with camera:
-            async for frame in camera.frames():
+        async with camera, _frames(camera) as frames:
+            async for frame in frames:
                 found = await compute(lambda frame=frame: collector.look_live(frame))  # type: ignore[misc]
                 missing = collector.missing()
                 if live is not None:
@@ -72,6 +75,17 @@ async def gather_views(camera: Camera, collector: Collector, console: Console, c
     finally:
         if live is not None:
             live.stop()
+
+
+@asynccontextmanager
+async def _frames(camera: Camera) -> AsyncIterator[AsyncIterator[Frame]]:
+    """A camera's frames, closed before the camera is, also when not all of them were wanted."""
+    frames = camera.frames()
+    try:
+        yield frames
+    finally:
+        if isinstance(frames, AsyncGenerator):
+            await frames.aclose()
 
 
 def _lines(collector: Collector, found: View | NoView, missing: list[str]) -> list[str]:
@@ -109,8 +123,8 @@ async def _station(camera: Camera, rig: Rig, height_m: float, frames: int) -> li
     taken: list[Sample | NoView] = []
     measured = 0
     try:
-        async with asyncio.timeout(STATION_S), camera:
-            async for frame in camera.frames():
+        async with asyncio.timeout(STATION_S), camera, _frames(camera) as frames_now:
+            async for frame in frames_now:
                 detection = detector.detect(frame)
                 pose = poses.estimate(detection).camera if detection.detected else None
                 name = f"{height_m:g} m, frame {frame.sequence}"

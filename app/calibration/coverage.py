@@ -85,8 +85,8 @@ def lit_cells(brightest: Image, grid: Grid) -> NDArray[np.bool_]:
 def features(view: View) -> Array:
     """(5,) where a view's board lies, how large, and how it is foreshortened, by its outline alone.
 
-    Place in the image in image widths; size as a power of two; how much longer its right side is than its left and its
-    lower than its upper, likewise. All count about equally for what a view adds.
+    Place in the image in image widths; size as half the power of two; how much longer its right side is than its left
+    and its lower than its upper, likewise. All count about equally for what a view adds.
     """
     corners = view.corners_m[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -109,7 +109,7 @@ def features(view: View) -> Array:
     top, right, bottom, left = (float(np.linalg.norm(outline[(k + 1) % 4] - outline[k])) + 1.0 for k in range(4))
     width = view.size_px[0]
     middle = view.px.mean(axis=0) / width
-    size = 0.5 * math.log2(math.sqrt((top + bottom) * (left + right)) / width)
+    size = math.log2(math.sqrt((top + bottom) * (left + right)) / width)
     return np.array([middle[0], middle[1], 0.5 * size, 0.5 * math.log2(right / left), 0.5 * math.log2(bottom / top)])
 
 

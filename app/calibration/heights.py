@@ -25,6 +25,8 @@ from app.vision.camera_model import Lens
 TILT_MAX_DEG = 5.0
 """A camera tilted by more sees one end of the triangle nearer than the other; a frame is refused beyond this by two
 sigma."""
+SIGMA_MIN = 0.003
+"""Of a length: of a few frames, more than half may agree by chance."""
 OUTLIER = 5.0
 """A length this many robust sigmas from its row's median is left out."""
 CENTRED_PART = 0.35
@@ -32,6 +34,8 @@ CENTRED_PART = 0.35
 OFFSET_PART = 0.25
 APART = 3.0
 """The groups' distances from the middle differ by this factor at least."""
+LEAST_PART = 0.02
+"""Distances below this, in focal lengths, are all alike: nobody holds a camera better."""
 MIDDLE_PART = 0.08
 """Without a second group: so far from the middle, in focal lengths, still counts as centred."""
 
@@ -174,8 +178,12 @@ def make_table(
     grouped, distance = _grouped(samples, gone, lens.focal_px, centred_only)
     rows = _rows(grouped, gone, centred_only)
     if len(rows) < 2:
-        needed = "" if centred_only else " with frames of both groups, centred and offset"
-        raise CalibrationError(f"{len(rows)} height(s){needed}", f"give at least three heights{needed}")
+        both = (
+            ""
+            if centred_only
+            else " with frames of both groups, in the middle and at one and the same distance from it"
+        )
+        raise CalibrationError(f"{len(rows)} height(s){both}", f"give at least three heights{both}")
     side_m = triangle[1].side_m
     slope, zero = _line(rows)
     kept = tuple((s, g) for s, g in grouped if any(s.height_m == row.height_m for row in rows))
@@ -187,9 +195,9 @@ def make_table(
 def _grouped(
     samples: Sequence[Sample], refused: list[NoView], focal_px: float, centred_only: bool
 ) -> tuple[list[tuple[Sample, int]], float]:
-    """Samples with their group, and D. The groups are split in the widest gap between the distances."""
+    """Samples with their group, and D. The groups are split where the distances, as ratios, jump most."""
     distances = np.sort([s.distance_px for s in samples])
-    reach = MIDDLE_PART * focal_px
+    reach, least = MIDDLE_PART * focal_px, LEAST_PART * focal_px
     if centred_only:
         for s in samples:
             if s.distance_px > reach:
@@ -200,11 +208,11 @@ def _grouped(
                 "the landmark is in the middle of no frame", "put it there, or leave --centred-only out"
             )
         return kept, focal_px
-    gap = int(np.argmax(np.diff(distances))) if len(distances) > 1 else 0
+    gap = int(np.argmax(np.diff(np.log(np.maximum(distances, least))))) if len(distances) > 1 else 0
     limit = 0.5 * float(distances[gap] + distances[min(gap + 1, len(distances) - 1)])
     near, far = distances[distances <= limit], distances[distances > limit]
     middle, offset = (float(np.median(part)) if len(part) else 0.0 for part in (near, far))
-    if not len(far) or offset < APART * max(middle, 0.02 * focal_px):
+    if not len(far) or offset < APART * max(middle, least):
         raise CalibrationError(
             f"the landmark's distances from the image's middle ({distances[0]:.0f} to {distances[-1]:.0f} px) do not "
             "fall into two groups",
@@ -246,7 +254,7 @@ def _median(samples: Sequence[Sample], refused: list[NoView]) -> tuple[float, in
         return None
     sides = np.array([s.side_px for s in samples])
     middle = float(np.median(sides))
-    sigma = max(1.4826 * float(np.median(np.abs(sides - middle))), 1e-3 * middle)
+    sigma = max(1.4826 * float(np.median(np.abs(sides - middle))), SIGMA_MIN * middle)
     good = np.abs(sides - middle) <= OUTLIER * sigma
     for s, fine in zip(samples, good, strict=True):
         if not fine:

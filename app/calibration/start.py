@@ -25,7 +25,7 @@ FOCAL_PARTS: dict[ModelName, Array] = {
 TRIED_VIEWS = 12
 """More don't make the focal length clearer."""
 BEST = 3
-"""So many of the focal lengths are fitted in full."""
+"""So many of the focal lengths are fitted, to TRIED_VIEWS; the best of them then to all."""
 
 
 def pose_from_rays(corners_m: Array, rays: Array) -> tuple[Array, Array]:
@@ -94,16 +94,20 @@ def first_fit(views: Sequence[View], model: Model) -> Fitted:
             tried.append((float(np.median(np.linalg.norm(bundle.px - px, axis=1))), focal))
     best: Fitted | None = None
     for _, focal in sorted(tried)[:BEST]:
-        plain = model.plain(focal)
-        poses = start_poses(views, model, plain)
-        try:
-            found = None if poses is None else fit(views, model, plain, poses)
-        except CalibrationError:
-            continue
+        found = _fit_from(few, model, model.plain(focal))
         if found is not None and (best is None or found.sigma_px < best.sigma_px):
             best = found
+    if best is not None and len(few) < len(views):
+        best = _fit_from(views, model, best.parameters) or _fit_from(views, model, model.plain(best.parameters[0]))
     if best is None:
-        raise CalibrationError(
-            "no lens fits the views", "see that the board is what was printed, and that --model is right"
-        )
+        raise CalibrationError("no lens fits the views", "see that board and --model are what they are")
     return best
+
+
+def _fit_from(views: Sequence[View], model: Model, parameters: Array) -> Fitted | None:
+    """A fit that starts with these parameters (p,); None if there is none."""
+    poses = start_poses(views, model, parameters)
+    try:
+        return None if poses is None else fit(views, model, parameters, poses)
+    except CalibrationError:
+        return None

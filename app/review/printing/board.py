@@ -54,7 +54,9 @@ def _page(board: Board, paper: str | None) -> Page:
                 "give fewer or smaller squares, or a larger --paper",
             )
         sheet = fitting[0]
-    left, bottom = (sheet[0] - width) / 2, FOOT_MM + (sheet[1] - FOOT_MM - height) / 2
+    left = (sheet[0] - width) / 2
+    # In the middle where the foot leaves it; else as far above the foot as the upper margin allows.
+    bottom = max((sheet[1] - height) / 2, min(FOOT_MM + margin, sheet[1] - height - MARGIN_MM))
     items: list[Item] = [
         *_pattern(board, left, bottom + height),
         *ruler((sheet[0] / 2 - RULER_MM / 2, 12.0)),

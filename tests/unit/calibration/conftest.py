@@ -123,17 +123,25 @@ def photograph(
 
     pattern: the board as an image, for what is more than black squares.
     """
-    width, height = size
-    fine = (np.arange(3) + 0.5) / 3 - 0.5
-    u, v = np.meshgrid((np.arange(width)[:, None] + fine).ravel(), (np.arange(height)[:, None] + fine).ravel())
-    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     assert not any(camera.k), "rays are cast through lenses without distortion only"
+    width, height = size
+    rotation, t = pose
+    # Only where the paper is: its outline, well filled, tells the part of the image.
+    side = np.linspace(-1.0, 1.0, 21)
+    edge = np.concatenate([np.column_stack([side, f * np.ones(21)]) for f in (-1.0, 1.0)])
+    edge = np.concatenate([edge, edge[:, ::-1]]) * [board.columns / 2 + 1, board.rows / 2 + 1]
+    edge = (edge + np.array([board.columns, board.rows]) / 2) * board.square_m
+    outline = camera.project(np.column_stack([edge, np.zeros(len(edge))]) @ rotation.T + t)
+    u0, v0 = np.clip(np.floor(outline.min(axis=0)).astype(int) - 1, 0, [width - 1, height - 1])
+    u1, v1 = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 2, 1, [width, height])
+    fine = (np.arange(3) + 0.5) / 3 - 0.5
+    u, v = np.meshgrid((np.arange(u0, u1)[:, None] + fine).ravel(), (np.arange(v0, v1)[:, None] + fine).ravel())
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     r = np.hypot(x, y) + 1e-12
     if camera.model == "pinhole":
         rays = np.stack([x, y, np.ones_like(x)], axis=-1)
     else:
         rays = np.stack([x / r * np.sin(r), y / r * np.sin(r), np.cos(r)], axis=-1)
-    rotation, t = pose
     slope = rays @ rotation[:, 2]
     reach = float(rotation[:, 2] @ t) / np.where(np.abs(slope) < 1e-9, 1e-9, slope)
     on_board = ((rays * reach[..., None] - t) @ rotation)[..., :2] / board.square_m
@@ -149,7 +157,9 @@ def photograph(
         row = np.clip((b * scale).astype(int), 0, pattern.shape[0] - 1)
         column = np.clip((a * scale).astype(int), 0, pattern.shape[1] - 1)
         image = np.where(inside, 25.0 + 195.0 / 255.0 * pattern[row, column], image)
-    image = image.reshape(height, 3, width, 3).mean(axis=(1, 3))
+    part = image.reshape(v1 - v0, 3, u1 - u0, 3).mean(axis=(1, 3))
+    image = np.full((height, width), 110.0)
+    image[v0:v1, u0:u1] = part
     if blur > 0:
         image = cv2.GaussianBlur(image, (0, 0), blur)
     image = image + np.random.default_rng(seed).normal(0, noise, image.shape)
