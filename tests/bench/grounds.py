@@ -140,8 +140,8 @@ def ground(kind: str, variant: int) -> Ground:
         coarse = 1 + 0.09 * soft
         slabs = int(rng.integers(1, 4))
         for k in range(slabs):
-            at = k * 512 // slabs
-            coarse[at : at + 2] = coarse[:, at : at + 2] = 0.45
+            joint = k * 512 // slabs
+            coarse[joint : joint + 2] = coarse[:, joint : joint + 2] = 0.45
         _cracks(rng, coarse, int(rng.integers(0, 5)), 0.6)
         return Ground(Texture(_even(fine), 0.9, True), Texture(_even(coarse), 5.9, True))
     if kind == "gravel":
@@ -185,7 +185,7 @@ def litter(seed: int, span: float, keep_clear: float, count: int) -> Texture:
 
     def box(at: Array, half: Array, turn: float) -> Array:
         c, s = math.cos(turn), math.sin(turn)
-        return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ np.array([[c, s], [-s, c]]) + at
+        return np.asarray(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ np.array([[c, s], [-s, c]]) + at)
 
     for _ in range(count):
         kind = rng.choice(["rectangle", "frame", "stripes", "stone", "leaf", "cable", "square"])

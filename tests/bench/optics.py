@@ -83,7 +83,7 @@ class Optics:
         """(HEIGHT, WIDTH) float32 fall-off towards the corners: 1 on the axis, 1 - strength at the corners."""
         u, v = np.meshgrid(np.arange(WIDTH) - CENTRE[0], np.arange(HEIGHT) - CENTRE[1])
         r2 = (u**2 + v**2) / float(CENTRE @ CENTRE)
-        return (1.0 - strength * r2).astype(np.float32)
+        return np.asarray(1.0 - strength * r2, np.float32)
 
 
 @lru_cache

@@ -197,9 +197,9 @@ class _Plane:
         under = bare * (1 - np.float32(0.5 * light.sun) * dark)
 
         def lit(albedo: Array) -> Array:
-            out = albedo * sun
+            out = np.asarray(albedo * sun)
             if shine is not None:
-                out = out + shine
+                out += shine
             out[sky] = scene.sky
             return out
 
@@ -254,12 +254,12 @@ def gain(scene: Scene, bare: Array) -> float:
     lit = float(np.mean(bare * lens(scene.lens).shading(scene.vignette)))
     by_mean, by_white = 0.2 / max(lit, 1e-3), 0.72 / scene.paper
     met = by_mean**scene.meter * by_white ** (1 - scene.meter)
-    return min(met, 1.5 / scene.paper) * scene.exposure
+    return float(min(met, 1.5 / scene.paper) * scene.exposure)
 
 
 def _grain(scene: Scene) -> Array:
     """(HEIGHT, WIDTH) noise of deviation 1."""
-    grain = np.random.default_rng(scene.noise_seed).standard_normal((HEIGHT, WIDTH), dtype=np.float32)
+    grain: Array = np.random.default_rng(scene.noise_seed).standard_normal((HEIGHT, WIDTH), dtype=np.float32)
     if scene.noise_grain > 0:
         grain = cv2.GaussianBlur(grain, (0, 0), scene.noise_grain)
         grain *= np.float32(1 / grain.std())
@@ -272,7 +272,7 @@ def _sensor(scene: Scene, light: Array, grain: Array) -> Array:
     grey = np.float32(scene.black_level) + grey * np.float32((255 - scene.black_level) / 255)
     level = np.sqrt(np.float32(0.35) + np.float32(0.65 / 128) * grey)
     grey = grey + np.float32(scene.noise) * level * grain
-    image = np.clip(grey + np.float32(0.5), 0, 255).astype(np.uint8)
+    image: Array = np.clip(grey + np.float32(0.5), 0, 255).astype(np.uint8)
     if scene.jpeg is not None:
         coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, scene.jpeg])[1]
         image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), np.uint8)
