@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -156,6 +157,12 @@ def _shine(light: Light, view: View) -> Array | None:
     return shine
 
 
+@lru_cache(maxsize=4)
+def _leaves(seed: int) -> Texture:
+    """What leaves' shadows are cut from: a level of noise of deviation 1, waves of a third of a metre and less."""
+    return Texture(noise(np.random.default_rng(seed), 1024, 1.6, 0.06), 5.0, wraps=True)
+
+
 class _Plane:
     """What of a scene does not depend on the pose."""
 
@@ -168,7 +175,7 @@ class _Plane:
         self.cover = cover(scene.cover_seed, *scene.cover_part)[0] if scene.cover_seed is not None else None
         self.cloud: Texture | None = None
         if any(s.kind == "dapple" for s in scene.light.shadows):
-            self.cloud = Texture(noise(np.random.default_rng(scene.seed + 2), 256, 1.6, 0.4), 1.0, wraps=True)
+            self.cloud = _leaves(scene.seed + 2)
 
     def radiance(self, view: View, markers: Sequence[str]) -> tuple[list[Array], Array]:
         """(HEIGHT, WIDTH) float32 linear light towards the camera, with each marker and with no board at all."""
@@ -262,7 +269,7 @@ def _grain(scene: Scene) -> Array:
     grain: Array = np.random.default_rng(scene.noise_seed).standard_normal((HEIGHT, WIDTH), dtype=np.float32)
     if scene.noise_grain > 0:
         grain = cv2.GaussianBlur(grain, (0, 0), scene.noise_grain)
-        grain *= np.float32(1 / grain.std())
+        grain = grain * np.float32(1 / float(grain.std()))
     return grain
 
 
