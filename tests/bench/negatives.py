@@ -125,15 +125,26 @@ def _claim(negative: Negative, mode: str, image: Grey, detection: Detection, kee
     )
 
 
-def judge(negative: Negative, detector: Detector, keep: Path | None = None) -> Judged:
-    """Show one frame to the detector, alone and in its sequence."""
+def judge(negative: Negative, detector: Detector, keep: Path | None = None, only: str = "") -> Judged:
+    """Show one frame to the detector: alone and in its sequence, or `only` "stills" or "sequences"."""
     result = Judged(negative.index, negative.kinds)
+    if only != "sequences":
+        _judge_still(result, negative, detector, keep)
+    if only != "stills":
+        _judge_sequence(result, negative, detector, keep)
+    return result
+
+
+def _judge_still(result: Judged, negative: Negative, detector: Detector, keep: Path | None) -> None:
     detector.reset()
     started = time.thread_time()
     seen = detector.detect(_frame(negative.still, 0), still=True)
     result.still_ms = 1e3 * (time.thread_time() - started)
     if seen.detected:
         result.false.append(_claim(negative, STILL, negative.still, seen, keep))
+
+
+def _judge_sequence(result: Judged, negative: Negative, detector: Detector, keep: Path | None) -> None:
     detector.reset()
     for k, image in enumerate(negative.lead):
         result.led = True
@@ -147,14 +158,13 @@ def judge(negative: Negative, detector: Detector, keep: Path | None = None) -> J
             claims.append((image, seen))
     result.sequence_ms = 1e3 * (time.thread_time() - started) / len(negative.after)
     result.false += [_claim(negative, mode, image, seen, keep) for image, seen in claims[:1]]
-    return result
 
 
-def judge_index(index: int, seed: int, unseen: bool, folder: Path | None, keep: Path | None) -> Judged:
+def judge_index(index: int, seed: int, unseen: bool, folder: Path | None, keep: Path | None, only: str) -> Judged:
     """Make a frame and judge it."""
     cv2.setNumThreads(1)
     negative = frame(index, seed, unseen, folder)
-    return judge(negative, _detector(negative.lens), keep)
+    return judge(negative, _detector(negative.lens), keep, only)
 
 
 def _judge_all(indices: range, workers: int, one: partial[Judged]) -> Iterator[Judged]:
@@ -217,6 +227,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write every figure and every false detection here")
     parser.add_argument("--keep", type=Path, help="folder for a picture of every false detection, plain and drawn")
+    parser.add_argument("--only", choices=["stills", "sequences"], default="", help="both by default")
     parser.add_argument("--photos", type=Path, default=photos.DEFAULT, help="folder of photographs")
     parser.add_argument("--no-photos", action="store_true", help="bare grounds in place of photographs")
     arguments = parser.parse_args()
@@ -236,7 +247,14 @@ def main() -> int:
     except photos.NoPhotosError as fault:
         console.print(f"{fault}; or go without them: --no-photos", markup=False)
         return 2
-    one = partial(judge_index, seed=arguments.seed, unseen=arguments.unseen, folder=folder, keep=arguments.keep)
+    one = partial(
+        judge_index,
+        seed=arguments.seed,
+        unseen=arguments.unseen,
+        folder=folder,
+        keep=arguments.keep,
+        only=arguments.only,
+    )
     indices = range(arguments.first, arguments.first + arguments.count)
     judged: list[Judged] = []
     started = time.monotonic()
