@@ -14,7 +14,7 @@ from rich.text import Text
 from app.calibration.board import NoView, View
 from app.calibration.collect import Collector
 from app.calibration.coverage import VIEWS_MAX
-from app.calibration.heights import Sample, measure
+from app.calibration.sample import Sample, measure
 from app.errors import CameraError
 from app.estimation.fix import pose_estimator
 from app.messages import Frame

@@ -66,7 +66,8 @@ def lens(
     overwrite: Overwrite = False,
 ) -> None:
     """Make a camera file from images, videos or a live view of a chessboard or ChArUco board, and judge it."""
-    from app.calibrate import Target, run_lens
+    from app.calibrate import Target
+    from app.calibrate_lens import run_lens
     from app.calibration.board import board_of
 
     configure_logging(quiet=True)
@@ -101,7 +102,8 @@ def height(
     overwrite: Overwrite = False,
 ) -> None:
     """Make the paper's height table (its Table II) from frames of the landmark at known heights, and judge it."""
-    from app.calibrate import Target, run_height, run_height_live
+    from app.calibrate import Target
+    from app.calibrate_height import run_height, run_height_live
 
     configure_logging(quiet=True)
     target, console = Target(out, draw, force, overwrite), open_console(sys.stdout)

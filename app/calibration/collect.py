@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.calibration.board import Board, BoardFinder, NoView, View
+from app.calibration.board import Board, NoView, View
 from app.calibration.coverage import CELL_CORNERS, NEW_DISTANCE, Grid, features, lit_cells, sharp_enough
+from app.calibration.finder import BoardFinder
 from app.calibration.judgement import Verdict, coverage_checks
 from app.frames import Array
 from app.messages import Frame, Image

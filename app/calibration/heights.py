@@ -1,30 +1,23 @@
 """From frames of the landmark at known heights to the paper's height table (Table II, equation 11).
 
-What is measured is what estimation.paper measures in flight: the longest side of the outer triangle in a virtual camera
-without distortion, of the lens's own focal length, that looks straight down. Frames fall into two groups by where the
+Frames fall into two groups by where the
 landmark's centre lies: L1 in the middle of the image, L2 at the distance D from it. By similar triangles L = f s / H.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.calibration.board import NoView
+from app.calibration.sample import Sample
 from app.errors import CalibrationError
 from app.estimation.height_table import outer_triangle
-from app.estimation.paper import equation_3, equation_4, longest_side_px
-from app.frames import rotation_from_quaternion
 from app.landmark import Landmark
-from app.messages import CameraPose, Detection
 from app.vision.camera_model import Lens
 
-TILT_MAX_DEG = 5.0
-"""A camera tilted by more sees one end of the triangle nearer than the other; a frame is refused beyond this by two
-sigma."""
 SIGMA_MIN = 0.003
 """Of a length: of a few frames, more than half may agree by chance."""
 OUTLIER = 5.0
@@ -38,23 +31,6 @@ LEAST_PART = 0.02
 """Distances below this, in focal lengths, are all alike: nobody holds a camera better."""
 MIDDLE_PART = 0.08
 """Without a second group: so far from the middle, in focal lengths, still counts as centred."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One frame of the landmark at a known height.
-
-    Attributes:
-        name: Of the frame.
-        height_m: Of the camera above the landmark.
-        side_px: Longest side of the outer triangle.
-        distance_px: Of the triangle's centroid from the middle of the image.
-    """
-
-    name: str
-    height_m: float
-    side_px: float
-    distance_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,39 +85,6 @@ class HeightCalibration:
     def computed_px(self, height_m: float) -> float:
         """Length at a height that a perfect camera with this lens would see."""
         return self.focal_px * self.side_m / height_m
-
-
-def measure(
-    name: str, height_m: float, detection: Detection, pose: CameraPose | None, landmark: Landmark, lens: Lens
-) -> Sample | NoView:
-    """What one frame says, or why it says nothing.
-
-    Args:
-        name: Of the frame.
-        height_m: At which it was taken.
-        detection: Of the landmark in it.
-        pose: Fitted to the detection: tells whether the camera looked straight down.
-        landmark: What was looked for.
-        lens: Of the camera.
-    """
-    if not detection.detected:
-        return NoView(name, f"landmark not found: {detection.reason}")
-    triangle = outer_triangle(landmark)
-    seen = None if triangle is None else next((c for c in detection.contours if c.index == triangle[0]), None)
-    if seen is None:
-        return NoView(name, "the outer triangle was not found")
-    if pose is not None:
-        normal = rotation_from_quaternion(pose.q_cam_from_pad_wxyz)[:, 2]
-        tilt = math.degrees(math.acos(min(1.0, abs(float(normal[2])))))
-        sigma = math.degrees(math.sqrt(max(0.0, float(np.diag(pose.covariance)[3:5].max()))))
-        if tilt - 2.0 * sigma > TILT_MAX_DEG:
-            return NoView(name, f"the camera is tilted by {tilt:.1f} deg against the landmark, over {TILT_MAX_DEG:g}")
-    rays = lens.rays(seen.corners_px)
-    if not (rays[:, 2] > 0.05).all():
-        return NoView(name, "the outer triangle lies too far from the camera's axis")
-    vertices = rays[:, :2] / rays[:, 2:] * lens.focal_px
-    distance = math.hypot(equation_3(vertices), equation_4(vertices))
-    return Sample(name, height_m, longest_side_px(vertices), distance)
 
 
 def make_table(

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-import app.calibrate as calibrate
+import app.calibrate_height as calibrate
 import app.calibrate_live as calibrate_live
 from app.calibrate_live import gather_views, take_station
 from app.calibration.board import Board, NoView, View
 from app.calibration.collect import LIVE_VIEWS, Collector
-from app.calibration.heights import Sample
+from app.calibration.sample import Sample
 from app.clock import run_virtual
 from app.errors import CalibrationError, CameraError
 from app.estimation.height_table import read_height_table

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.calibration.board import Board, BoardFinder, NoView, View, board_of, charuco_board
+from app.calibration.board import Board, NoView, View, board_of, charuco_board
 from app.calibration.collect import Collector, other_boards
+from app.calibration.finder import BoardFinder
 from app.errors import ConfigError
 from app.messages import Frame
 

@@ -10,10 +10,11 @@ import pytest
 from app.calibration.board import Board, NoView, View
 from app.calibration.bundle import Fitted, Poses
 from app.calibration.coverage import Grid
-from app.calibration.heights import HeightCalibration, Row, Sample
+from app.calibration.heights import HeightCalibration, Row
 from app.calibration.judgement import Check, Verdict
 from app.calibration.lens import LensCalibration
 from app.calibration.parameters import Model
+from app.calibration.sample import Sample
 from app.config import LensConfig, read_config
 from app.errors import CalibrationError, ConfigError
 from app.estimation.height_table import HeightTableConfig, read_height_table
