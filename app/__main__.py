@@ -14,6 +14,8 @@ INTERRUPTED = 130
 def main() -> None:
     """Run the command line."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # decoders: what they would print is said by our errors
+    # Vision's matrices are small, and it has one thread; a pool of them spins on the cores that the rest needs.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from app.cli import cli  # a broken installation must not hide behind an import at start
 
     code: object = 0

@@ -113,4 +113,3 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection
             )
             return Rejection(Refusal.HEADING if rival.must_differ else Refusal.INNER_CORRELATION, text), share
     return None, share
-

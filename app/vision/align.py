@@ -48,6 +48,8 @@ class Alignment:
         model: (PATCH, PATCH) grey of the drawing with the fitted light, blur and tone.
         contrast: Grey levels from black to white.
         scatter_dn: Root mean square difference of patch and model on the landmark, grey levels.
+        correlation: Of patch and model there.
+        level: Grey half way from black to white.
     """
 
     rays_from_pad: Array
@@ -56,6 +58,8 @@ class Alignment:
     model: Array
     contrast: float
     scatter_dn: float
+    correlation: float
+    level: float
 
 
 def _priors(contrast: float, cell_px: float) -> Array:
@@ -141,7 +145,7 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
         if largest < SMALL_STEP:
             break
     model = template.appearance @ levels
-    return _finished(matrix, patch, model, float(levels[0]), normal, geometry)
+    return _finished(matrix, patch, model, levels, normal, geometry)
 
 
 def _pad_warp(d: Array, unit_m: float) -> Array:
@@ -149,19 +153,27 @@ def _pad_warp(d: Array, unit_m: float) -> Array:
 
 
 def _finished(
-    matrix: Array, patch: Patch, model: Array, contrast: float, normal: Array, geometry: LandmarkGeometry
+    matrix: Array, patch: Patch, model: Array, levels: Array, normal: Array, geometry: LandmarkGeometry
 ) -> Alignment:
     """The alignment with its information, all appearance terms eliminated."""
+    contrast = float(levels[0])
     cells = geometry.cells(None)
     if not patch.whole:
         cells = cells[patch.seen.ravel()[cells]]
-    off = (patch.grey.ravel() - model)[cells]
-    scatter = math.sqrt(float(off @ off) / max(1, len(cells) - 12))
+    grey = patch.grey.ravel()[cells]
+    off = grey - model[cells]
+    left = float(off @ off)
+    scatter = math.sqrt(left / max(1, len(cells) - 12))
+    spread = float(grey @ grey) - float(grey.sum()) ** 2 / max(1, len(cells))
+    correlation = math.sqrt(max(0.0, 1.0 - left / spread)) if spread > 1e-6 else 0.0
     variance = max(scatter, NOISE_MIN_DN) ** 2 / min(1.0, patch.cell_px**2)
     appearance = normal[8:, 8:].copy()
-    appearance.flat[:: LEVELS + 1] += 1e-6 * float(np.trace(appearance)) + variance * _priors(contrast, patch.cell_px) ** 2
+    appearance.flat[:: LEVELS + 1] += (
+        1e-6 * float(np.trace(appearance)) + variance * _priors(contrast, patch.cell_px) ** 2
+    )
     information = (normal[:8, :8] - normal[:8, 8:] @ np.linalg.solve(appearance, normal[8:, :8])) / variance
     # From half sides of the patch to half sides of the landmark.
     scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
     information = information * scale * scale[:, None]
-    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter)
+    level = float(levels[_ONE - 8]) + 0.5 * contrast
+    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level)

@@ -129,4 +129,3 @@ def _map(box: Array, turn: int, view: View) -> Array | None:
     corners = np.roll(geometry.corners[geometry.slices[0]], -turn, axis=0)
     matrix = homography(corners, flat[:, :2] / flat[:, 2:])
     return None if matrix is None else np.asarray(basis.T @ matrix)
-

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.align import STEPS, Alignment, align
 from app.vision.agreement import check_agreement
+from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
     INNER_MIN,
+    MIN_CONTRAST,
     WHOLE_MIN,
     Explained,
     check_contours,
@@ -48,6 +49,10 @@ REACH_PART = 0.012
 PARTIAL_REACHES_PX = (12.0, 6.0)
 PARTIAL_POINTS = 12
 PARTIAL_SHARE = 0.6
+EASY_PX = 0.8
+"""A landmark whose edges were as near as this to where they were expected is followed in one step."""
+FOLLOW_REACHES_PX = (6.0, FINE_REACH_PX)
+AGAIN_MIN = 0.95
 MORE_STEPS = 3
 NEARLY_ALL = 0.9
 STILL_MOVING_PX = 0.5
@@ -154,15 +159,23 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
     return judge_edges(fit, view)
 
 
-def judge_edges(fit: EdgeFit, view: View) -> Found | Rejection:
-    """A fit by its edges, confirmed or refused."""
+def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Rejection:
+    """A fit by its edges, confirmed or refused.
+
+    Args:
+        fit: The fit.
+        view: What it was made on.
+        again: It was confirmed in the frame before: edges that are nearly all there are enough.
+    """
     geometry, edges = view.geometry, fit.edges
     refused = check_edges(edges)
     if refused is not None:
         return refused
-    patch = rectify(view, fit.rays_from_pad)
     score = edges.share
     open_yet = check_contours(edges, geometry) or heading_is_open(edges, geometry)
+    if again and open_yet is None and edges.share > NEARLY_ALL:
+        return _found(fit, score, view)
+    patch = rectify(view, fit.rays_from_pad)
     refused = open_yet or check_inverted(patch, geometry) or check_likeness(patch, geometry)
     if refused is None and edges.side_px < RESOLVED_PX:
         resolved = int(np.flatnonzero(edges.in_view).max())
@@ -170,8 +183,12 @@ def judge_edges(fit: EdgeFit, view: View) -> Found | Rejection:
             refused, _ = check_picture(patch, resolved, geometry, INNER_MIN)
     if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
         refused, score = check_agreement(patch, geometry)
-    if refused is not None:
-        return refused
+    return _found(fit, score, view) if refused is None else refused
+
+
+def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
+    """What was confirmed, with the contours that are whole enough."""
+    edges = fit.edges
     share = edges.confirmed / np.maximum(edges.in_view, 1)
     run = _longest_run((share >= CONTOUR_SHARE) & (edges.in_view > 0))
     run = _visible(fit.rays_from_pad, run, view)
@@ -194,25 +211,45 @@ def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
     return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view)
 
 
-def confirm_small(rays_from_pad: Array, view: View, steps: int = STEPS) -> Found | Rejection:
-    """Align a small landmark's picture from a map that is nearly right, and judge."""
+def follow_large(rays_from_pad: Array, view: View) -> Found | Rejection:
+    """A large landmark where it is expected by the frame before, to a pixel or two."""
+    geometry = view.geometry
+    everything = range(len(geometry.landmark.contours))
+    fit = fit_edges(view.image, rays_from_pad, geometry, view.lens, everything, (FINE_REACH_PX,), view.origin)
+    if fit is None or fit.edges.step_px > EASY_PX or fit.edges.share < NEARLY_ALL:
+        fit = fit_edges(view.image, rays_from_pad, geometry, view.lens, everything, FOLLOW_REACHES_PX, view.origin)
+    return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view, True)
+
+
+def confirm_small(rays_from_pad: Array, view: View, steps: int = STEPS, again: bool = False) -> Found | Rejection:
+    """Align a small landmark's picture from a map that is nearly right, and judge.
+
+    Args:
+        rays_from_pad: The map.
+        view: What to look at.
+        steps: Of the alignment, at most.
+        again: It was confirmed in the frame before: it needn't be told from its rivals.
+    """
     aligned = align(view, rays_from_pad, steps)
     if aligned is None:
         return Rejection(Refusal.CORRELATION, "its picture doesn't hold the drawing")
-    return judge_alignment(aligned, view)
+    return judge_alignment(aligned, view, again)
 
 
-def judge_alignment(aligned: Alignment, view: View) -> Found | Rejection:
-    """An alignment, confirmed or refused."""
+def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Found | Rejection:
+    """An alignment, confirmed or refused; again as for confirm_small."""
     geometry, patch = view.geometry, aligned.patch
     size_px = side_px(patch)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
-    refused, best = check_picture(patch, None, geometry, WHOLE_MIN)
-    if refused is not None:
-        return refused
-    if best is None:
-        return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image")
+    correlation = aligned.correlation
+    if not (again and correlation > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
+        refused, best = check_picture(patch, None, geometry, WHOLE_MIN)
+        if refused is not None:
+            return refused
+        if best is None:
+            return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image")
+        correlation = best.correlation
     count = len(geometry.landmark.contours)
     resolved = 2
     while resolved < count and geometry.outer_gap_m[resolved] * size_px / geometry.size_m >= MIN_GAP_SEEN_PX:
@@ -222,9 +259,9 @@ def judge_alignment(aligned: Alignment, view: View) -> Found | Rejection:
         aligned.information,
         aligned.scatter_dn / aligned.contrast,
         range(resolved),
-        best.correlation,
+        correlation,
         size_px,
-        float(np.median(aligned.model)),
+        aligned.level,
         1.0,
     )
 

@@ -125,7 +125,9 @@ def nests(prepared: Prepared, tree: Tree, geometry: LandmarkGeometry, lens: Lens
         return []
     kept = [int(n) for n in np.unique(pairs)]
     outlines = [tree.points[n] for n in kept]
-    shapes = dict(zip(kept, polygons(outlines, [bool(tree.black_inside[n]) for n in kept], prepared, lens), strict=True))
+    shapes = dict(
+        zip(kept, polygons(outlines, [bool(tree.black_inside[n]) for n in kept], prepared, lens), strict=True)
+    )
     outer_of = {int(child): int(parent) for parent, child in pairs}
     innermost = set(outer_of) - set(outer_of.values())
     found: list[Nest] = []

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from app.config import VisionConfig
@@ -21,7 +20,17 @@ from app.landmark import Landmark, Shape
 from app.messages import Detection, Frame, Image, PlaneFit, SeenContour
 from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
-from app.vision.candidates import SMALL_PX, Candidate, Found, confirm, confirm_large, confirm_partial, confirm_small, examine
+from app.vision.candidates import (
+    SMALL_PX,
+    Candidate,
+    Found,
+    confirm,
+    confirm_large,
+    confirm_partial,
+    confirm_small,
+    examine,
+    follow_large,
+)
 from app.vision.contours import contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
@@ -41,7 +50,7 @@ from app.vision.preprocess import (
 )
 from app.vision.refine import FINE_REACH_PX
 from app.vision.refusal import Rejection
-from app.vision.threshold import Search, ThresholdState, after_miss, after_success, ladder, threshold_now
+from app.vision.threshold import ThresholdState, after_miss, after_success, ladder, threshold_now
 
 ROI_MARGIN_PX = 32
 ROI_MARGIN_PART = 0.35
@@ -52,16 +61,17 @@ at the full one."""
 SEARCH_WIDTH_PX = 960
 """Wider frames are searched at a lower resolution too, in turn with the full one."""
 MAX_NESTS = 12
-TRACK_REACH_PX = 4.0
-WIDE_REACH_PX = 9.0
+WIDE_REACHES_PX = (9.0, 4.0, FINE_REACH_PX)
+FOLLOWED = "followed"
+PROVE_EACH = 15
+"""Frames: each half second."""
 TRACK_STEPS = 3
 TRACK_MISSES = 5
 """So many frames the landmark is sought where it was."""
 PREDICTED_S = 0.2
 """Over a longer time it is not expected to go on moving as it did."""
-LOCAL_PART = 6
-"""The local threshold compares a pixel with the mean of a window of this part of the region's height."""
 LOCAL_WINDOWS_PX = (21, 81)
+"""The local threshold compares a pixel with the mean of a window of so many pixels round it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +118,7 @@ class Track:
         t_s: When that was.
         side_px: Its outer side.
         misses: Frames since.
+        followed: Frames in which it was followed since it was last searched for.
     """
 
     rays_from_pad: Array
@@ -115,6 +126,7 @@ class Track:
     t_s: float
     side_px: float
     misses: int = 0
+    followed: int = 0
 
 
 class Detector:
@@ -132,12 +144,14 @@ class Detector:
         self.config = config
         self.threshold = ThresholdState()
         self.track: Track | None = None
+        self.last: tuple[View, Array] | None = None
+        """The last frame that showed the landmark, and its map: the next threshold comes from them."""
         self.attempt: Attempt | None = None
         """What the last frame's drawing shows."""
 
     def reset(self) -> None:
         """Forget the sequence."""
-        self.threshold, self.track, self.attempt = ThresholdState(), None, None
+        self.threshold, self.track, self.last, self.attempt = ThresholdState(), None, None, None
 
     def detect(
         self, frame: Frame, *, still: bool = False, predicted_px: tuple[float, float] | None = None
@@ -248,11 +262,10 @@ class Detector:
     # ------------------------------------------------------------------------------------------------------ sequences
     def _next(self, view: View, t_s: float, predicted_px: tuple[float, float] | None) -> Attempt:
         """The next frame of a sequence."""
-        global_level = global_otsu(view.image)
         attempt = self._where_it_was(view, t_s, predicted_px)
         if attempt is None or attempt.found is None:
-            attempt = self._search(view, t_s, global_level) or attempt
-        assert attempt is not None
+            self._settle_threshold()
+            attempt = self._search(view, global_otsu(view.image))
         if attempt.found is None:
             self.threshold = after_miss(self.threshold, self.config)
             if self.track is not None:
@@ -260,7 +273,7 @@ class Detector:
                 if self.track.misses > TRACK_MISSES:
                     self.track = None
         else:
-            self._carry_over(view, attempt.found, t_s, global_level)
+            self._carry_over(view, attempt.found, t_s, attempt.how == FOLLOWED)
         return attempt
 
     def _expected(self, track: Track, t_s: float, predicted_px: tuple[float, float] | None) -> list[Array]:
@@ -288,25 +301,39 @@ class Detector:
         everything = range(len(self.geometry.landmark.contours))
         candidates: list[Candidate] = []
         maps = self._expected(track, t_s, predicted_px)
+        # Now and then a landmark that is followed is told from its rivals anew.
+        again = track.misses == 0 and track.followed % PROVE_EACH != 0
         for k, matrix in enumerate(maps):
             if track.side_px < SMALL_PX:
-                found = confirm_small(matrix, view, TRACK_STEPS)
+                found = confirm_small(matrix, view, TRACK_STEPS, again)
+            elif again and k == 0:
+                found = follow_large(matrix, view)
             else:
-                last = k == len(maps) - 1
-                reach = (WIDE_REACH_PX, TRACK_REACH_PX, FINE_REACH_PX) if last else (TRACK_REACH_PX, FINE_REACH_PX)
-                found = confirm_large(matrix, everything, view, reach)
+                found = confirm_large(matrix, everything, view, WIDE_REACHES_PX)
             if isinstance(found, Found):
-                return Attempt("track", self._region(view, found), 0, None, tuple(candidates), found)
-            candidates.append(Candidate((), "track", found))
-        return Attempt("track", whole(view.image), 0, None, tuple(candidates), None)
+                return Attempt(FOLLOWED, whole(view.image), 0, None, (), found)
+            candidates.append(Candidate((), FOLLOWED, found))
+        return Attempt(FOLLOWED, whole(view.image), 0, None, tuple(candidates), None)
 
-    def _search(self, view: View, t_s: float, global_level: int) -> Attempt:
+    def _settle_threshold(self) -> None:
+        """The paper's threshold for the next frame, from the last one that showed the landmark: Otsu's on the region
+        round it. It is worked out only where it is needed: a landmark that is followed needs none.
+        """
+        if self.last is None:
+            return
+        view, rays_from_pad = self.last
+        self.last = None
+        patch = rectify(view, rays_from_pad)
+        roi_level = otsu(np.asarray(np.clip(patch.grey, 0, 255), dtype=np.uint8))
+        self.threshold = after_success(self.threshold, self.config, roi_level, global_otsu(view.image))
+
+    def _search(self, view: View, global_level: int) -> Attempt:
         """In the region round where it was, then in the whole frame."""
         level = threshold_now(self.threshold, self.config, global_level)
         nearest: Attempt | None = None
         track, sigma = self.track, self.config.blur_sigma_px
         if track is not None:
-            region = self._round(view, track.rays_from_pad, track.side_px)
+            region = self._round(track.rays_from_pad, track.side_px)
             reduction = max(1, math.ceil(track.side_px / FULL_SIDE_PX))
             prepared = prepare(view.image, region, reduction=reduction, sigma_px=sigma)
             window = max(9, int(track.side_px / reduction / 2.5) | 1)
@@ -326,31 +353,22 @@ class Detector:
                 attempt = local
         return attempt if nearest is None or attempt.found is not None else nearest
 
-    def _region(self, view: View, found: Found) -> Region:
-        """The quiet zone of what was found."""
-        return self._round(view, found.rays_from_pad, found.side_px, 0.0, 0.0)
-
-    def _round(
-        self,
-        view: View,
-        rays_from_pad: Array,
-        side_px: float,
-        margin_px: float = ROI_MARGIN_PX,
-        margin_part: float = ROI_MARGIN_PART,
-    ) -> Region:
+    def _round(self, rays_from_pad: Array, side_px: float) -> Region:
         """The region round the quiet zone of a map."""
         landmark = self.geometry.landmark
         zone = landmark.contours[0].corners_m * (landmark.quiet_zone_m / landmark.size_m)
-        px, seen = project_pad(rays_from_pad, np.concatenate([zone, 0.5 * (zone + np.roll(zone, 1, axis=0))]), self.lens)
+        px, seen = project_pad(
+            rays_from_pad, np.concatenate([zone, 0.5 * (zone + np.roll(zone, 1, axis=0))]), self.lens
+        )
         width, height = self.lens.size_px
         if not seen.all():
             return 0, 0, width, height
         low, high = np.clip(px.min(axis=0), -1e4, 1e4), np.clip(px.max(axis=0), -1e4, 1e4)
         box: Region = (int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1)
-        region = grow(box, margin_px + margin_part * side_px, (width, height))
+        region = grow(box, ROI_MARGIN_PX + ROI_MARGIN_PART * side_px, (width, height))
         return region if region[2] - region[0] > 16 and region[3] - region[1] > 16 else (0, 0, width, height)
 
-    def _carry_over(self, view: View, found: Found, t_s: float, global_level: int) -> None:
+    def _carry_over(self, view: View, found: Found, t_s: float, followed: bool) -> None:
         """What the next frame begins with."""
         motion = np.zeros((3, 3))
         track = self.track
@@ -361,7 +379,6 @@ class Detector:
             size, turn = 0.5 * (moved[0, 0] + moved[1, 1]) - 1.0, 0.5 * (moved[0, 1] - moved[1, 0])
             motion = np.array([[size, turn, moved[0, 2]], [-turn, size, moved[1, 2]], [0.0, 0.0, 0.0]])
             motion /= t_s - track.t_s
-        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px)
-        patch = rectify(view, found.rays_from_pad)
-        roi_level = otsu(np.asarray(np.clip(patch.grey, 0, 255), dtype=np.uint8))
-        self.threshold = after_success(self.threshold, self.config, roi_level, global_level)
+        count = track.followed + 1 if followed and track is not None else 0
+        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px, followed=count)
+        self.last = view, found.rays_from_pad

@@ -33,7 +33,8 @@ SURROUND = 8.0
 """What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
-FINE = 8
+BLURS_PER_OCTAVE = 4.0
+FINE = 4
 """Points along a cell when the drawing is made."""
 
 
@@ -58,7 +59,8 @@ class Template:
     def appearance(self) -> Array:
         """(cells, 9) what the grey of a patch is made of: white print; outside; half the second derivatives of the
         white print by row twice, by column twice and by both; its tone curve's bend; its gradient forward and right;
-        one."""
+        one.
+        """
         by_row, by_column = self._derivatives[0]
         row_row, row_column = np.gradient(by_row)
         column_column = np.gradient(by_column)[1]
@@ -86,7 +88,7 @@ class Template:
 
     @cached_property
     def weighted_design(self) -> Array:
-        """design times trust."""
+        """Design times trust."""
         return np.ascontiguousarray(self.design * self.trust)
 
     @cached_property
@@ -311,7 +313,7 @@ class LandmarkGeometry:
         return found
 
     def template(self, sigma_cells: float, variant: int = 0) -> Template:
-        """The drawing as seen with a blur of that many cells (to the nearest eighth of an octave).
+        """The drawing as seen with a blur of that many cells (to the nearest of BLURS_PER_OCTAVE in an octave).
 
         Args:
             sigma_cells: Standard deviation.
@@ -319,12 +321,12 @@ class LandmarkGeometry:
         """
         key = self._blur_key(sigma_cells), variant
         if key not in self._templates:
-            self._templates[key] = Template(self._blurred(0.25 * 2.0 ** (key[0] / 8.0), variant))
+            self._templates[key] = Template(self._blurred(0.25 * 2.0 ** (key[0] / BLURS_PER_OCTAVE), variant))
         return self._templates[key]
 
     @staticmethod
     def _blur_key(sigma_cells: float) -> int:
-        return max(0, round(8.0 * math.log2(max(sigma_cells, 0.25) / 0.25)))
+        return max(0, round(BLURS_PER_OCTAVE * math.log2(max(sigma_cells, 0.25) / 0.25)))
 
     def rivals(self, sigma_cells: float, inside_of: int | None) -> list[Rival]:
         """What the picture inside a contour (None: all of it) must not be taken for, at a blur of that many cells."""
@@ -363,7 +365,8 @@ class LandmarkGeometry:
 
     def blob_templates(self, sigma_cells: float) -> Array:
         """(4, m) the drawing at those samples, of mean 0 and length 1, turned so that its corner k takes the place of
-        the first one."""
+        the first one.
+        """
         white = self.template(sigma_cells).white
         half = BLOB_GRID
         small = white.reshape(half, PATCH // half, half, PATCH // half).mean(axis=(1, 3))

@@ -66,7 +66,9 @@ class Side:
     outline_px: Array
 
 
-def _polygon(points: NDArray[np.int32], prepared: Prepared, view: View) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+def _polygon(
+    points: NDArray[np.int32], prepared: Prepared, view: View
+) -> tuple[Array, Array, NDArray[np.bool_]] | None:
     """A contour's corners: at distance 1 (k, 2), in the frame (k, 2), and whether each lies on the border."""
     thin = points[:: len(points) // MAX_POINTS + 1, 0]
     px = prepared.to_frame(thin.astype(np.float64))
@@ -167,7 +169,8 @@ def _fitted(side: Side, drawn: Array) -> Array | None:
 
 def readings(side: Side, geometry: LandmarkGeometry) -> Iterator[tuple[int, Array]]:
     """Contours that the side may belong to, each with a map rays_from_pad (3, 3) that is right but for a turn of that
-    contour into itself."""
+    contour into itself.
+    """
     for k, contour in enumerate(geometry.landmark.contours):
         corners = contour.corners_m
         low, high = SQUARE_DEG if len(corners) == 4 else TRIANGLE_DEG

@@ -23,7 +23,6 @@ from app.frames import Array
 from app.messages import Image
 from app.vision.camera_model import Lens
 from app.vision.geometry import LandmarkGeometry
-from app.vision.preprocess import Region
 
 STEPS = 9
 """Grey values across a side."""
@@ -56,6 +55,9 @@ SCATTER_MIN_PX = 0.05
 """Edge points never are better than this."""
 SOFT = 0.25
 """While edges are sought far off, those that lie this part of the way are not outliers yet."""
+RELINEARISE_PX = 2.0
+"""Edges that moved by less in a step are still where their normals and derivatives were taken."""
+FAR_OUT_PX = -1e4
 CUTOFF = 3.0
 """Tukey's biweight ends at this many times the scatter."""
 HOLD_PERSPECTIVE = 0.005
@@ -112,7 +114,8 @@ class EdgeFit:
 
 def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Where profiles (n, STEPS) that rise from black to white cross a level (n,), in -1..1, nearest to the middle, and
-    whether they do."""
+    whether they do.
+    """
     below = rising < level[:, None]
     crosses = below[:, :-1] & ~below[:, 1:]
     # The crossing nearest to the middle: intervals in the order of their distance from it.
@@ -143,32 +146,28 @@ class _Points:
 
 
 @dataclass(frozen=True, slots=True)
-class _Measured:
-    """One look along the normals.
+class _Lines:
+    """The sides as a map puts them into the image.
 
     Attributes:
-        offset: (n,) pixels outward from where the map puts the edge to where it was seen.
-        found: (n,) whether it was.
-        in_view: (n,) whether it could have been.
-        jacobian: (n, 8) derivative of where the map puts it, along the normal, by d of PlaneFit.
-        contrast: (n,) grey levels.
-        level: (n,) grey half way up.
+        px: (n, 2) where its points are, in pixels of the image that is looked at.
+        normal: (n, 2) outward.
+        room: (n,) pixels that may be looked at on either side.
+        valid: (n,) whether the lens sees them and there is room.
+        jacobian: (n, 9) how they move along the normal: by d of PlaneFit, and with all black.
         unit_px: Length of the unit of d in the image.
     """
 
-    offset: Array
-    found: NDArray[np.bool_]
-    in_view: NDArray[np.bool_]
+    px: Array
+    normal: Array
+    room: Array
+    valid: NDArray[np.bool_]
     jacobian: Array
-    contrast: Array
-    level: Array
     unit_px: float
 
 
-def _measure(
-    image: Image, origin: tuple[int, int], matrix: Array, points: _Points, lens: Lens, reach_px: float
-) -> _Measured:
-    """Look across the sides; matrix is rays_from_pad S of PlaneFit, origin the frame's pixel that is image[0, 0]."""
+def _lines(view: tuple[int, int], matrix: Array, points: _Points, lens: Lens) -> _Lines:
+    """Put the sides into the image; matrix is rays_from_pad S of PlaneFit, view the frame's pixel that is image[0, 0]."""
     px, slope, valid = lens.project_with_jacobian(points.unit @ matrix.T)
     plane = slope @ matrix[:, :2]
     along = (plane @ points.tangent[:, :, None])[:, :, 0]
@@ -176,45 +175,81 @@ def _measure(
     normal = np.empty_like(along)
     with np.errstate(invalid="ignore", divide="ignore"):
         normal[:, 0], normal[:, 1] = along[:, 1] / length, -along[:, 0] / length
-        area = plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0]
-        room = np.abs(area) / length * points.gap * ROOM_PART
-        reach = np.minimum(room, reach_px)
+        area = np.abs(plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0])
+        room = area / length * points.gap * ROOM_PART
+    by_ray = (normal[:, None] @ slope)[:, 0] @ matrix
+    jacobian = (by_ray[:, :, None] * points.unit[:, None, :]).reshape(-1, 9)
+    jacobian[:, 8] = points.sign
+    unit_px = 0.0
+    if valid.all():
+        unit_px = math.sqrt(float(area.sum()) / len(area))
+    else:
+        px = np.where(valid[:, None], px, FAR_OUT_PX)
+        normal, room = np.where(valid[:, None], normal, 0.0), np.where(valid, room, 0.0)
+        jacobian = np.where(valid[:, None], jacobian, 0.0)
+        if valid.any():
+            unit_px = math.sqrt(float(area[valid].mean()))
+    return _Lines(px - view, normal, room, valid & (room >= NARROWEST_PX), jacobian, unit_px)
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """One look along the normals.
+
+    Attributes:
+        offset: (n,) pixels outward from where the map puts the edge to where it was seen.
+        found: (n,) whether it was.
+        in_view: (n,) whether it could have been.
+        contrast: (n,) grey levels.
+        level: (n,) grey half way up.
+    """
+
+    offset: Array
+    found: NDArray[np.bool_]
+    in_view: NDArray[np.bool_]
+    contrast: Array
+    level: Array
+
+
+def _measure(image: Image, lines: _Lines, shift: Array | None, points: _Points, reach_px: float) -> _Measured:
+    """Look across the sides; shift (n,) is how far outward of the lines they are expected."""
+    reach = np.minimum(lines.room, reach_px)
     height, width = image.shape
-    at = (px - origin).astype(np.float32)
-    across = (normal * reach[:, None]).astype(np.float32)
+    centre = lines.px if shift is None else lines.px + lines.normal * shift[:, None]
+    at = centre.astype(np.float32)
+    across = (lines.normal * reach[:, None]).astype(np.float32)
+    end = np.abs(across)
+    half = np.array([0.5 * (width - 1), 0.5 * (height - 1)], dtype=np.float32)
+    in_view = lines.valid & (np.abs(at - half) + end <= half).all(axis=1)
     u = at[:, :1] + across[:, :1] * _S32
     v = at[:, 1:] + across[:, 1:] * _S32
-    ends_u, ends_v = np.abs(2.0 * u[:, ::_SPAN] - (width - 1)), np.abs(2.0 * v[:, ::_SPAN] - (height - 1))
-    in_view = valid & (room >= NARROWEST_PX) & (ends_u.max(axis=1) <= width - 1) & (ends_v.max(axis=1) <= height - 1)
-    if not valid.all():
-        u, v = np.nan_to_num(u, nan=-10.0), np.nan_to_num(v, nan=-10.0)
     grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     rising = grey * points.sign[:, None]
     low, high = rising[:, : _HALF + 1].min(axis=1), rising[:, _HALF:].max(axis=1)
     contrast = high - low
     level = 0.5 * (low + high)
-    wide = room >= WIDE_PX
-    clear = in_view & wide & (contrast >= MIN_CONTRAST)
-    if not wide.all() and clear.any():
-        # A band of two or three pixels never gets as black or as white as it is; its edges still cross the middle.
-        middle = _median((points.sign * level)[clear])
-        held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
-        level = np.where(wide, level, held)
+    wide = lines.room >= WIDE_PX
+    if not wide.all():
+        clear = in_view & wide & (contrast >= MIN_CONTRAST)
+        if clear.any():
+            # A band of two or three pixels never gets as black or as white as it is; its edges still cross the middle.
+            middle = _median((points.sign * level)[clear])
+            held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
+            level = np.where(wide, level, held)
     where, crosses = _crossings(rising, level)
-    step = (rising[:, _HALF + 1 :].sum(axis=1) - rising[:, :_HALF].sum(axis=1)) * (1.0 / _HALF)
-    found = in_view & crosses & (contrast >= MIN_CONTRAST) & (step >= (STEP_PART if reach_px <= FINE_REACH_PX else FAR_STEP_PART) * contrast)
+    step = rising @ _BOTH_SIDES
+    step_part = STEP_PART if reach_px <= FINE_REACH_PX else FAR_STEP_PART
+    found = in_view & crosses & (contrast >= MIN_CONTRAST) & (step >= step_part * contrast)
     if found.any():
         found &= contrast >= CONTRAST_PART * _median(contrast[found])
-    offset = np.where(found, where * reach, 0.0)
-    by_ray = (normal[:, None] @ slope)[:, 0] @ matrix
-    jacobian = (by_ray[:, :, None] * points.unit[:, None, :]).reshape(-1, 9)[:, :8]
-    if not in_view.all():
-        jacobian = np.where(in_view[:, None], jacobian, 0.0)
-    unit_px = math.sqrt(float(np.abs(area[in_view]).mean())) if in_view.any() else 0.0
-    return _Measured(offset, found, in_view, jacobian, contrast, level * points.sign, unit_px)
+    offset = where * reach
+    if shift is not None:
+        offset += shift
+    return _Measured(np.where(found, offset, 0.0), found, in_view, contrast, level * points.sign)
 
 
-_SPAN = STEPS - 1
+_BOTH_SIDES = np.concatenate([np.full(_HALF, -1.0), [0.0], np.full(_HALF, 1.0)]) / _HALF
+"""Takes a profile to the mean of its outer part less that of its inner part."""
 
 
 def _median(values: Array) -> float:
@@ -255,41 +290,50 @@ def _rigidity(matrix: Array) -> tuple[Array, Array]:
     return slope * unit, np.array([g01 * unit, (g00 - g11) * unit])
 
 
-def _solve(measured: _Measured, sign: Array, matrix: Array, rounds: int, least_px: float) -> _Step | None:
-    """Robust least squares for the warp and the common error of all black; None where the points determine nothing."""
-    rows = np.empty((len(measured.offset), 9))
-    rows[:, :8] = measured.jacobian
-    rows[:, 8] = sign
+def _solve(
+    measured: _Measured, rows: Array, stiffness: tuple[Array, Array], rounds: int, least_px: float
+) -> _Step | None:
+    """Robust least squares for the warp and the common error of all black; None where the points determine nothing.
+
+    Args:
+        measured: Offsets.
+        rows: (n, 9) _Lines.jacobian.
+        stiffness: Of _rigidity.
+        rounds: Of weighing.
+        least_px: Points that are off by so much are no outliers.
+    """
     weight = measured.found.astype(np.float64)
     count = float(weight.sum())
     if count < 9:
         return None
-    residual = measured.offset
+    offset, residual = measured.offset, measured.offset
     scatter = max(least_px, 1.5 * _median(np.abs(residual[measured.found])))
     solution = np.zeros(9)
     normal = np.zeros((9, 9))
-    rigid, bent = _rigidity(matrix)
+    rigid, bent = stiffness
+    stiff, stiff_side = rigid.T @ rigid, rigid.T @ bent
     for _ in range(rounds):
-        weighted = rows * weight[:, None]
-        normal = weighted.T @ rows
+        weighted = (rows * weight[:, None]).T
+        normal = weighted @ rows
+        side = weighted @ offset
         held = normal.copy()
         hold = HOLD_PERSPECTIVE * (normal[2, 2] + normal[5, 5])
         held[6, 6] += hold
         held[7, 7] += hold
         held[8, 8] += (scatter / BIAS_SIGMA_PX) ** 2
         held.flat[::10] += 1e-9 * count
-        stiff = rigid.T * (scatter / RIGID_SIGMA) ** 2
-        held[:8, :8] += stiff @ rigid
-        side = weighted.T @ measured.offset
-        side[:8] -= stiff @ bent
+        firm = (scatter / RIGID_SIGMA) ** 2
+        held[:8, :8] += firm * stiff
+        side[:8] -= firm * stiff_side
         try:
             solution = np.asarray(np.linalg.solve(held, side), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        residual = measured.offset - rows @ solution
-        scatter = max(least_px, 1.5 * _median(np.abs(residual[measured.found])))
-        t = residual * (1.0 / (CUTOFF * scatter))
-        weight = np.where(measured.found, np.maximum(0.0, 1.0 - t * t) ** 2, 0.0)
+        residual = offset - rows @ solution
+        off = np.abs(residual)
+        scatter = max(least_px, 1.5 * _median(off[measured.found]))
+        t = off * (1.0 / (CUTOFF * scatter))
+        weight = np.maximum(0.0, 1.0 - t * t) ** 2 * measured.found
     total = float(weight.sum())
     if total < 9 or not math.isfinite(total):
         return None
@@ -337,33 +381,40 @@ def fit_edges(
     matrix = rays_from_pad * scale
     count = len(geometry.landmark.contours)
     points = _Points(geometry, run)
+    lines: _Lines | None = None
+    shift: Array | None = None
+    base, stiffness = matrix, _rigidity(matrix)
     measured: _Measured | None = None
     solved: _Step | None = None
     moved = 0.0
     for k, reach in enumerate(reach_px):
         if k > 0 and not alone and (run.start > 0 or run.stop < count):
             run = range(max(0, run.start - 1), min(count, run.stop + 1))
-            points = _Points(geometry, run)
-        measured = _measure(image, origin, matrix, points, lens, reach)
-        solved = _solve(measured, points.sign, matrix, 3, max(SCATTER_MIN_PX, SOFT * (reach - FINE_REACH_PX)))
+            points, lines = _Points(geometry, run), None
+        if lines is None or moved > RELINEARISE_PX:
+            base, shift = matrix, None
+            lines, stiffness = _lines(origin, matrix, points, lens), _rigidity(matrix)
+        measured = _measure(image, lines, shift, points, reach)
+        last = k == len(reach_px) - 1
+        least_px = max(SCATTER_MIN_PX, SOFT * (reach - FINE_REACH_PX))
+        solved = _solve(measured, lines.jacobian, stiffness, 3 if last else 2, least_px)
         if solved is None or not float(np.abs(solved.d).max()) < 0.5:
             return None
-        matrix = matrix @ warp(solved.d)
-        moved = float(np.abs(measured.jacobian @ solved.d).max())
-    if measured is None or solved is None:
+        matrix = base @ warp(solved.d)
+        before, shift = shift, lines.jacobian[:, :8] @ solved.d
+        moved = float(np.abs((shift if before is None else shift - before)[measured.in_view]).max(initial=0.0))
+    if measured is None or solved is None or lines is None:
         return None
-    limit = AGREES_PX + AGREES_PART * 2.0 * measured.unit_px
+    limit = AGREES_PX + AGREES_PART * 2.0 * lines.unit_px
     good = measured.found & (np.abs(solved.residual) <= limit)
-    in_view = np.bincount(points.contour[measured.in_view], minlength=count)
-    confirmed = np.bincount(points.contour[good], minlength=count)
     edges = Edges(
-        in_view,
-        confirmed,
+        np.bincount(points.contour[measured.in_view], minlength=count),
+        np.bincount(points.contour[good], minlength=count),
         _median(measured.contrast[good]),
         _median(measured.level[good]),
         solved.scatter_px,
         moved,
-        2.0 * measured.unit_px,
+        2.0 * lines.unit_px,
         float(np.abs(_rigidity(matrix)[1]).max()),
     )
     return EdgeFit(matrix / scale, solved.information, edges)
