@@ -54,10 +54,11 @@ def rotation_from_quaternion(q_wxyz: Array) -> Array:
     Raises:
         ValueError: The quaternion is zero or not finite.
     """
-    norm = float(np.linalg.norm(q_wxyz))
+    w, x, y, z = q_wxyz.tolist()
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not math.isfinite(norm) or norm < 1e-9:
         raise ValueError(f"not a rotation: quaternion {q_wxyz!r}")
-    w, x, y, z = (float(v) / norm for v in q_wxyz)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -69,21 +70,20 @@ def rotation_from_quaternion(q_wxyz: Array) -> Array:
 
 def quaternion_from_rotation(rotation: Array) -> Array:
     """(4,) unit quaternion w, x, y, z with w >= 0 of a (3, 3) rotation (Shepperd's method)."""
-    m = rotation
-    trace = float(np.trace(m))
-    candidates = (trace, float(m[0, 0]), float(m[1, 1]), float(m[2, 2]))
-    k = int(np.argmax(candidates))
-    if k == 0:
-        q = np.array([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
-    elif k == 1:
-        q = np.array([m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]])
-    elif k == 2:
-        q = np.array([m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]])
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    trace = xx + yy + zz
+    largest = max(trace, xx, yy, zz)
+    if largest == trace:
+        w, x, y, z = 1 + trace, zy - yz, xz - zx, yx - xy
+    elif largest == xx:
+        w, x, y, z = zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx
+    elif largest == yy:
+        w, x, y, z = xz - zx, xy + yx, 1 + yy - xx - zz, yz + zy
     else:
-        q = np.array([m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]])
-    q = q / np.linalg.norm(q)
-    result: Array = -q if q[0] < 0 else q
-    return result
+        w, x, y, z = yx - xy, xz + zx, yz + zy, 1 + zz - xx - yy
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    norm = -norm if w < 0 else norm
+    return np.array([w / norm, x / norm, y / norm, z / norm])
 
 
 def slerp(q0_wxyz: Array, q1_wxyz: Array, fraction: float) -> Array:

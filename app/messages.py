@@ -216,7 +216,7 @@ class PadFix:
         pad_tilt_rad: Angle between the pad's normal and the vertical.
         travelled_ned_m: (3,) integral of PX4's velocity up to the capture; only differences between fixes mean
             something. None: the estimator takes PX4's position for it.
-        paper: The paper's own outputs, where all of S1..T3 that they need was seen.
+        paper: The paper's own outputs, in a fix by method paper.
     """
 
     t_capture_s: float

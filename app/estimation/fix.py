@@ -5,7 +5,7 @@ vehicle's pose at the time of the exposure.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -13,8 +13,8 @@ import numpy as np
 from app.estimation.height_table import HeightTable, computed_height_table
 from app.estimation.mount import level_from_cam
 from app.estimation.paper import camera_pose_from_paper, paper_pose
-from app.estimation.pose import cam_from_pad, estimate_camera_pose
-from app.frames import BODY_FROM_CAM_DOWN, Array, Transform, rotation_from_quaternion, yaw_from_rotation
+from app.estimation.pose import estimate_camera_pose, pad_normal_cam
+from app.frames import Array, Transform, rotation_from_quaternion, yaw_from_rotation
 from app.landmark import Landmark
 from app.messages import CameraPose, Detection, PadFix, PaperPose, VehicleState
 from app.vision.camera_model import Lens
@@ -22,7 +22,10 @@ from app.vision.camera_model import Lens
 Method = Literal["pnp", "paper"]
 
 ATTITUDE_SIGMA_RAD = math.radians(1.0)
-"""PX4's roll and pitch in flight, and the camera's mount: they move the pad by this part of its distance."""
+"""PX4's roll, pitch and heading in flight, and the camera's mount: they move the pad by this part of its distance.
+Taken as new in each fix; in truth it lasts over many."""
+MEMORY_S = 1.0
+"""For so long the pad's slope in one fix tells the two poses of the next one apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,7 @@ class PoseEstimate:
 
     Attributes:
         camera: By the chosen method; None where it gives none.
-        paper: The paper's own outputs, where its triangle was seen.
+        paper: The paper's own outputs, where its triangle was seen and they were asked for.
     """
 
     camera: CameraPose | None
@@ -54,21 +57,33 @@ class PoseEstimator:
     method: Method
     table: HeightTable | None
 
-    def estimate(self, detection: Detection, level: Array | None = None) -> PoseEstimate:
+    def estimate(
+        self,
+        detection: Detection,
+        level: Array | None = None,
+        *,
+        expected_normal_cam: Array | None = None,
+        paper_too: bool = True,
+    ) -> PoseEstimate:
         """Pose of the pad in the camera frame.
 
         Args:
             detection: With or without the landmark.
-            level: (3, 3) level_from_cam by the vehicle's attitude, where known (app.estimation.mount).
+            level: (3, 3) level_from_cam by the vehicle's attitude, where known (app.estimation.mount). For a pose by
+                method pnp alone, any frame whose third axis is down will do for its target.
+            expected_normal_cam: (3,) the pad's down axis in the camera frame by the frame before, where there is one:
+                it tells the two poses of a flat pattern apart where the image can't (see estimate_camera_pose).
+            paper_too: The paper's outputs are wanted beside a pose by method pnp.
         """
-        if not detection.contours:
+        if not detection.detected:
             return PoseEstimate(None, None)
         paper: PaperPose | None = None
-        if self.table is not None:
+        if self.table is not None and (paper_too or self.method == "paper"):
             paper = paper_pose(detection, self.landmark, self.lens, self.table, level)
         if self.method == "pnp":
-            prior = None if level is None else level.T @ BODY_FROM_CAM_DOWN.T
-            return PoseEstimate(estimate_camera_pose(detection, self.landmark, self.lens, prior), paper)
+            prior = None if level is None else level.T
+            camera = estimate_camera_pose(detection, self.landmark, self.lens, prior, expected_normal_cam)
+            return PoseEstimate(camera, paper)
         if paper is None or self.table is None:
             return PoseEstimate(None, paper)
         camera = camera_pose_from_paper(paper, detection, self.landmark, self.lens, self.table, level)
@@ -97,30 +112,32 @@ def pad_fix(
         paper: The paper's own outputs, to be carried along.
     """
     ned_from_body = rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)
-    body_from_pad = body_from_cam @ cam_from_pad(camera_pose)
-    from_vehicle = ned_from_body @ body_from_pad.translation
-    ned_from_pad = ned_from_body @ body_from_pad.rotation
     ned_from_cam = ned_from_body @ body_from_cam.rotation
-    seen = ned_from_cam @ camera_pose.covariance[:3, :3] @ ned_from_cam.T
+    ned_from_pad = ned_from_cam @ rotation_from_quaternion(camera_pose.q_cam_from_pad_wxyz)
+    from_vehicle = ned_from_cam @ camera_pose.t_cam_from_pad_m + ned_from_body @ body_from_cam.translation
+    covariance = ned_from_cam @ camera_pose.covariance[:3, :3] @ ned_from_cam.T
     # A small rotation w of the vehicle moves the pad by w x r: covariance s^2 [r]x [r]x^T = s^2 (r.r I - r r^T).
-    leverage = float(from_vehicle @ from_vehicle) * np.eye(3) - np.outer(from_vehicle, from_vehicle)
-    turn = ned_from_cam @ camera_pose.covariance[3:, 3:] @ ned_from_cam.T
+    x, y, z = from_vehicle.tolist()
+    covariance += ATTITUDE_SIGMA_RAD**2 * np.array(
+        ((y * y + z * z, -x * y, -x * z), (-x * y, x * x + z * z, -y * z), (-x * z, -y * z, x * x + y * y))
+    )
+    down = ned_from_cam[2]
     return PadFix(
         t_capture_s=detection.t_capture_s,
         pad_pos_ned_m=vehicle.pos_ned_m + from_vehicle,
         pad_from_vehicle_ned_m=from_vehicle,
-        covariance_ned_m2=seen + ATTITUDE_SIGMA_RAD**2 * leverage,
+        covariance_ned_m2=covariance,
         pad_yaw_ned_rad=yaw_from_rotation(ned_from_pad),
-        yaw_sigma_rad=math.sqrt(max(float(turn[2, 2]), 0.0) + ATTITUDE_SIGMA_RAD**2),
+        yaw_sigma_rad=math.sqrt(max(float(down @ camera_pose.covariance[3:, 3:] @ down), 0.0) + ATTITUDE_SIGMA_RAD**2),
         code=detection.code or "",
         pad_tilt_rad=math.acos(max(-1.0, min(1.0, float(ned_from_pad[2, 2])))),
         paper=paper,
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class FixMaker:
-    """Detection and vehicle state to fix: what the pose task calls for each frame.
+    """Detection and vehicle state to fix: what the pose task calls for each frame, in their order.
 
     Attributes:
         estimator: Method, landmark and lens.
@@ -129,11 +146,23 @@ class FixMaker:
 
     estimator: PoseEstimator
     body_from_cam: Transform
+    _slope: tuple[float, Array] | None = field(default=None, init=False)
+    """When the last fix was, and the pad's down axis in ned by it: a pad's slope changes slowly, whatever the vehicle
+    does."""
 
     def __call__(self, detection: Detection, vehicle: VehicleState) -> PadFix | None:
         """The fix; None if the detection yields none."""
-        level = level_from_cam(vehicle.q_ned_from_body_wxyz, self.body_from_cam.rotation)
-        found = self.estimator.estimate(detection, level)
+        if not detection.detected:
+            return None
+        ned_from_cam = rotation_from_quaternion(vehicle.q_ned_from_body_wxyz) @ self.body_from_cam.rotation
+        expected: Array | None = None
+        if self._slope is not None and 0.0 <= detection.t_capture_s - self._slope[0] <= MEMORY_S:
+            expected = self._slope[1] @ ned_from_cam
+        # Method pnp only takes the vertical from it, and ned is as level as any frame.
+        paper = self.estimator.method == "paper"
+        level = level_from_cam(vehicle.q_ned_from_body_wxyz, self.body_from_cam.rotation) if paper else ned_from_cam
+        found = self.estimator.estimate(detection, level, expected_normal_cam=expected, paper_too=False)
         if found.camera is None:
             return None
+        self._slope = detection.t_capture_s, ned_from_cam @ pad_normal_cam(found.camera)
         return pad_fix(detection, found.camera, vehicle, self.body_from_cam, found.paper)

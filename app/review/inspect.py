@@ -1,7 +1,8 @@
 """`alight detect`: the detector and both pose methods on images of the user, told as JSON, as text and as pictures.
 
 A user's images come without the vehicle's attitude: the paper's method takes the camera to look straight down, and the
-pose fit has no prior.
+pose fit has no prior. In a sequence the pose before decides where the image can't tell the two poses of a flat pattern
+apart.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from app.config import VisionConfig
 from app.estimation.fix import Method, PoseEstimator, pose_estimator
 from app.estimation.height_table import HeightTable
-from app.estimation.pose import predicted_corners_px
+from app.estimation.pose import pad_normal_cam, predicted_corners_px
 from app.frames import Array
 from app.landmark import Landmark
 from app.messages import CameraPose, Detection, Frame, PaperPose
@@ -115,11 +116,13 @@ class InspectedFrame:
         return f"{self.name}: {self.detection.code}, score {self.detection.score:.2f}, {where} ({self.ms:.1f} ms)"
 
 
-def _inspect_frame(frame: Frame, detector: Detector, poses: PoseEstimator, still: bool) -> InspectedFrame:
-    """Detection and pose of one frame."""
+def _inspect_frame(
+    frame: Frame, detector: Detector, poses: PoseEstimator, still: bool, before: CameraPose | None
+) -> InspectedFrame:
+    """Detection and pose of one frame; before is the pose of the one before it in a sequence."""
     begin = time.perf_counter()
     detection = detector.detect(frame, still=still)
-    found = poses.estimate(detection)
+    found = poses.estimate(detection, expected_normal_cam=None if before is None else pad_normal_cam(before))
     ms = (time.perf_counter() - begin) * 1e3
     reason = detection.reason
     if detection.detected and found.camera is None:
@@ -160,8 +163,10 @@ def inspect(
     for source in sources:
         detector = Detector(landmark, lens, vision)
         in_sequence = source.is_video if sequence is None else sequence
+        before: CameraPose | None = None
         for frame in source.frames():
-            inspected = _inspect_frame(frame, detector, poses, still=not in_sequence)
+            inspected = _inspect_frame(frame, detector, poses, not in_sequence, before)
+            before = inspected.pose if in_sequence else None
             if draw is not None:
                 picture = draw_inspected(
                     frame.image, inspected.detection, inspected.pose, inspected.reason, detector.attempt, lens, landmark

@@ -11,9 +11,9 @@ import numpy as np
 
 from app.config import VisionConfig
 from app.errors import RecorderError
-from app.estimation.pose import estimate_camera_pose
+from app.estimation.pose import estimate_camera_pose, pad_normal_cam
 from app.landmark import Landmark
-from app.messages import Detection, Frame, Image, SeenContour
+from app.messages import CameraPose, Detection, Frame, Image, PlaneFit, SeenContour
 from app.review.flight import Flight
 from app.review.overlay import REFUSED, draw_overlay, write_lines
 from app.review.record_reader import read_record
@@ -30,7 +30,7 @@ def detection_of(fields: dict[str, Any]) -> Detection:
     contours = tuple(
         SeenContour(int(c["index"]), np.array(c["corners_px"], dtype=np.float64)) for c in fields["contours"]
     )
-    roi = fields["roi_px"]
+    roi, plane = fields["roi_px"], fields.get("plane")
     return Detection(
         t_capture_s=fields["t_capture_s"],
         sequence=fields["sequence"],
@@ -40,6 +40,14 @@ def detection_of(fields: dict[str, Any]) -> Detection:
         score=fields["score"],
         threshold=fields["threshold"],
         roi_px=None if roi is None else (roi[0], roi[1], roi[2], roi[3]),
+        plane=None
+        if plane is None
+        else PlaneFit(
+            np.array(plane["rays_from_pad"], dtype=np.float64),
+            np.array(plane["information"], dtype=np.float64),
+            plane["unit_m"],
+            plane["residual_px"],
+        ),
     )
 
 
@@ -66,6 +74,7 @@ def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None
             fixes[message["t_capture_s"]] = (down, float(np.hypot(north, east)))
     times = [t for t, _ in reports]
     writer: cv2.VideoWriter | None = None
+    pose: CameraPose | None = None
     try:
         for _, t_s, _, frame in read_record(record):
             if not isinstance(frame, Frame):
@@ -74,7 +83,8 @@ def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None
             at = bisect_right(times, t_s) - 1
             phase = reports[at][1] if at >= 0 else ""
             detection = detections.get(frame.sequence) or Detection(frame.t_capture_s, frame.sequence)
-            writer.write(_draw(frame, detection, fixes.get(frame.t_capture_s), phase, lens, landmark))
+            pose = _pose(detection, pose, lens, landmark)
+            writer.write(_draw(frame, detection, pose, fixes.get(frame.t_capture_s), phase, lens, landmark))
     finally:
         if writer is not None:
             writer.release()
@@ -87,10 +97,23 @@ def _open_video(out: Path, size_px: tuple[int, int]) -> cv2.VideoWriter:
     return writer
 
 
+def _pose(detection: Detection, before: CameraPose | None, lens: Lens, landmark: Landmark) -> CameraPose | None:
+    """The pose to be drawn; the one of the frame before keeps it from flipping."""
+    if not detection.detected:
+        return None
+    expected = None if before is None else pad_normal_cam(before)
+    return estimate_camera_pose(detection, landmark, lens, expected_normal_cam=expected)
+
+
 def _draw(
-    frame: Frame, detection: Detection, fix: tuple[float, float] | None, phase: str, lens: Lens, landmark: Landmark
+    frame: Frame,
+    detection: Detection,
+    pose: CameraPose | None,
+    fix: tuple[float, float] | None,
+    phase: str,
+    lens: Lens,
+    landmark: Landmark,
 ) -> Image:
-    pose = estimate_camera_pose(detection, landmark, lens) if detection.detected else None
     canvas = draw_overlay(frame.image, detection, pose, lens, landmark)
     lines = [(phase, BRIGHT)]
     if fix is not None:

@@ -1,14 +1,16 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.config import CameraConfig
-from app.estimation.fix import ATTITUDE_SIGMA_RAD, FixMaker, pad_fix, pose_estimator
+from app.estimation.fix import ATTITUDE_SIGMA_RAD, MEMORY_S, FixMaker, PoseEstimate, pad_fix, pose_estimator
 from app.estimation.mount import body_from_cam, level_from_cam
-from app.frames import quaternion_from_rotation, rotation_from_euler
+from app.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from app.messages import CameraPose, Detection, SeenContour, VehicleState
 from app.vision.camera_model import lens_from_config
+from app.vision.plane import plane_fit_from_corners
 
 
 def camera(**mount):
@@ -117,7 +119,87 @@ def test_both_methods_place_the_pad_whatever_the_attitude(scene, method, roll_de
     np.testing.assert_allclose(fix.pad_pos_ned_m, expected, atol=2e-3)
     assert math.degrees(fix.pad_yaw_ned_rad) == pytest.approx((yaw_deg + 50 + 180) % 360 - 180, abs=0.1)
     assert fix.pad_tilt_rad < math.radians(0.2)
-    assert fix.paper.h_m == pytest.approx(2.0, abs=2e-3)
+
+
+def seen_exactly(scene, view, t_s=5.0):
+    contours = tuple(SeenContour(k, scene.corners_px(view, k, scene.fisheye)) for k in range(5))
+    return Detection(t_s, 1, contours=contours, code="44334")
+
+
+def test_papers_outputs_travel_with_a_fix_by_method_paper_alone(scene):
+    seen, lens = seen_exactly(scene, scene.view(2.0)), lens_from_config(scene.fisheye.config)
+    by_paper, by_pnp = (
+        FixMaker(pose_estimator(scene.landmark, lens, method), body_from_cam(camera()))(seen, vehicle())
+        for method in ("paper", "pnp")
+    )
+    assert by_paper.paper.h_m == pytest.approx(2.0, abs=2e-3)
+    assert by_pnp.paper is None
+
+
+@pytest.mark.parametrize("method", ["pnp", "paper"])
+def test_estimate_has_the_papers_outputs_beside_either_pose(scene, method):
+    lens = lens_from_config(scene.fisheye.config)
+    found = pose_estimator(scene.landmark, lens, method).estimate(seen_exactly(scene, scene.view(2.0)))
+    assert found.paper.h_m == pytest.approx(2.0, abs=2e-3)
+    np.testing.assert_allclose(found.camera.t_cam_from_pad_m, [0.0, 0.0, 2.0], atol=2e-3)
+
+
+class Listener:
+    """An estimator that keeps what it is told to expect."""
+
+    method = "pnp"
+
+    def __init__(self, poses):
+        self.poses = iter(poses)
+        self.expected = []
+
+    def estimate(self, detection, level, *, expected_normal_cam, paper_too):
+        self.expected.append(expected_normal_cam)
+        return PoseEstimate(next(self.poses), None)
+
+
+def test_slope_of_the_fix_before_is_expected_whatever_the_vehicle_did_since():
+    # The pad leans: its down axis points 20 degrees from the vertical, to the north.
+    lean = np.array([math.sin(math.radians(20)), 0.0, math.cos(math.radians(20))])
+    east = np.array([0.0, 1.0, 0.0])
+    ned_from_pad = np.column_stack([np.cross(east, lean), east, lean])
+    mount, states = body_from_cam(camera()), [vehicle(yaw_deg=0), vehicle(roll_deg=12, pitch_deg=-7, yaw_deg=100)]
+    cam_from_ned = [(rotation_from_quaternion(s.q_ned_from_body_wxyz) @ mount.rotation).T for s in states]
+    poses = [
+        CameraPose(np.array([0.0, 0.0, 3.0]), quaternion_from_rotation(r @ ned_from_pad), np.eye(6), 0.1)
+        for r in cam_from_ned
+    ]
+    listener = Listener([*poses, poses[1], poses[1]])
+    make = FixMaker(listener, mount)
+    for t_s, state in ((5.0, states[0]), (5.4, states[1]), (5.4 + 1.01 * MEMORY_S, states[1]), (5.0, states[1])):
+        make(replace(DETECTED, t_capture_s=t_s), state)
+    first, second, long_after, before = listener.expected
+    np.testing.assert_allclose(second, cam_from_ned[1] @ lean, atol=1e-12)
+    assert (first, long_after, before) == (None, None, None)
+
+
+def test_covariance_in_ned_is_that_of_the_errors_of_vision_and_attitude(scene, monkeypatch):
+    # A level pad, corners off by 0.1 px, an attitude off by ATTITUDE_SIGMA_RAD about each axis, nothing that all edges
+    # share. The mean of 500 values of chi squared with 3 degrees of freedom has a standard deviation of 0.11.
+    monkeypatch.setattr("app.estimation.pose.COMMON_SIGMA_PX", 0.0)
+    lens, rng, squared, heading = lens_from_config(scene.fisheye.config), np.random.default_rng(0), [], []
+    points = np.concatenate([c.corners_m for c in scene.landmark.contours])
+    for _ in range(500):
+        height, (roll, pitch, yaw) = rng.uniform(1.0, 4.0), rng.uniform(-10, 10, 3)
+        view = scene.view(height, forward_m=0.2 * height, roll_deg=roll, pitch_deg=pitch)
+        px = np.concatenate([scene.corners_px(view, k, scene.fisheye) for k in range(5)])
+        plane = plane_fit_from_corners(points, px + rng.normal(0.0, 0.1, px.shape), lens, 0.1, 0.19)
+        # Small errors of the three angles turn about nearly the three axes.
+        wrong = np.degrees(rng.normal(0.0, ATTITUDE_SIGMA_RAD, 3))
+        state = vehicle(roll + wrong[0], pitch + wrong[1], yaw + wrong[2])
+        make = FixMaker(pose_estimator(scene.landmark, lens, "pnp"), body_from_cam(camera()))
+        fix = make(replace(DETECTED, plane=plane), state)
+        c, s = math.cos(math.radians(yaw)), math.sin(math.radians(yaw))
+        error = fix.pad_from_vehicle_ned_m - np.array([0.2 * height * c, 0.2 * height * s, height])
+        squared.append(error @ np.linalg.solve(fix.covariance_ned_m2, error))
+        heading.append((fix.pad_yaw_ned_rad - math.radians(yaw)) / fix.yaw_sigma_rad)
+    assert np.mean(squared) == pytest.approx(3.0, abs=1.96 * 0.11)
+    assert np.std(heading) == pytest.approx(1.0, abs=1.96 / math.sqrt(2 * 500))
 
 
 def test_detection_without_the_triangle_gives_no_fix_by_the_paper(scene):

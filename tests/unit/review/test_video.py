@@ -1,15 +1,17 @@
 """The camera's view of a flight as a video, and the images that are taken from it."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from app.config import VisionConfig
 from app.errors import RecorderError
-from app.messages import Frame, Phase
+from app.messages import Frame, Phase, PlaneFit
 from app.review.flight import collect_flight
 from app.review.record_reader import read_record
-from app.review.video import binary_of, middle_of_descent, write_video
+from app.review.video import binary_of, detection_of, middle_of_descent, write_video
 from app.vision.camera_model import lens_from_config
 
 
@@ -119,3 +121,15 @@ def test_binary_image_of_a_frame_is_black_and_white_as_the_landmark_is(scene, le
     ring = 215.0 * np.arctan(0.97 * half)  # equidistant: pixels from the centre, 1 m up
     quiet = 215.0 * np.arctan(1.04 * half)
     assert binary[round(239.5 - ring), 319] != binary[round(239.5 - quiet), 319]
+
+
+def test_plane_of_a_recorded_detection_is_read_back(items, record, scene):
+    rng = np.random.default_rng(0)
+    plane = PlaneFit(rng.normal(size=(3, 3)), np.diag(rng.uniform(1.0, 2.0, 8)), 0.19, 0.07)
+    _, seen = items.detection(1.0, 3, scene.corners_px(scene.view(1.0), 0, scene.fisheye))
+    path = record([("detections", replace(seen, plane=plane)), items.detection(1.1, 4)])
+    with_plane, without = (detection_of(fields) for _, _, _, fields in read_record(path))
+    np.testing.assert_allclose(with_plane.plane.rays_from_pad, plane.rays_from_pad)
+    np.testing.assert_allclose(with_plane.plane.information, plane.information)
+    assert (with_plane.plane.unit_m, with_plane.plane.residual_px) == (0.19, 0.07)
+    assert without.plane is None
