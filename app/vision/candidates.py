@@ -33,7 +33,7 @@ from app.vision.evidence import (
 from app.vision.fit import fit_run, project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.patch import PSF_SIGMA_PX, Patch, View, rectify, side_px
-from app.vision.refine import FINE_REACH_PX, EdgeFit, fit_edges
+from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.table import Alignment as Reading
 from app.vision.table import alignments
@@ -49,12 +49,11 @@ REACH_PART = 0.012
 PARTIAL_REACHES_PX = (12.0, 6.0)
 PARTIAL_POINTS = 12
 PARTIAL_SHARE = 0.6
-EASY_PX = 0.8
+EASY_PX = 3.2
 """A landmark whose edges were as near as this to where they were expected is followed in one step."""
-FOLLOW_REACHES_PX = (6.0, FINE_REACH_PX)
+FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX)
 AGAIN_MIN = 0.95
 MORE_STEPS = 3
-NEARLY_ALL = 0.9
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 RESOLVED_PX = 110.0
@@ -215,9 +214,9 @@ def follow_large(rays_from_pad: Array, view: View) -> Found | Rejection:
     """A large landmark where it is expected by the frame before, to a pixel or two."""
     geometry = view.geometry
     everything = range(len(geometry.landmark.contours))
-    fit = fit_edges(view.image, rays_from_pad, geometry, view.lens, everything, (FINE_REACH_PX,), view.origin)
-    if fit is None or fit.edges.step_px > EASY_PX or fit.edges.share < NEARLY_ALL:
-        fit = fit_edges(view.image, rays_from_pad, geometry, view.lens, everything, FOLLOW_REACHES_PX, view.origin)
+    fit = fit_edges(
+        view.image, rays_from_pad, geometry, view.lens, everything, FOLLOW_REACHES_PX, view.origin, easy_px=EASY_PX
+    )
     return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view, True)
 
 

@@ -55,7 +55,8 @@ SCATTER_MIN_PX = 0.05
 """Edge points never are better than this."""
 SOFT = 0.25
 """While edges are sought far off, those that lie this part of the way are not outliers yet."""
-RELINEARISE_PX = 2.0
+NEARLY_ALL = 0.9
+RELINEARISE_PX = 3.2
 """Edges that moved by less in a step are still where their normals and derivatives were taken."""
 FAR_OUT_PX = -1e4
 CUTOFF = 3.0
@@ -359,6 +360,7 @@ def fit_edges(
     origin: tuple[int, int] = (0, 0),
     *,
     alone: bool = False,
+    easy_px: float = 0.0,
 ) -> EdgeFit | None:
     """Fit the drawing to its edges, from a map that is nearly right.
 
@@ -371,6 +373,7 @@ def fit_edges(
         reach_px: For each step, how far from the map an edge may be.
         origin: (u0, v0) of the region.
         alone: No neighbours are taken in.
+        easy_px: A step that moved no edge further and found nearly all of them is the last one.
 
     Returns:
         The fit, with what the last step saw of all contours of the landmark that it had taken in; None where nothing
@@ -403,10 +406,12 @@ def fit_edges(
         matrix = base @ warp(solved.d)
         before, shift = shift, lines.jacobian[:, :8] @ solved.d
         moved = float(np.abs((shift if before is None else shift - before)[measured.in_view]).max(initial=0.0))
+        limit = AGREES_PX + AGREES_PART * 2.0 * lines.unit_px
+        good = measured.found & (np.abs(solved.residual) <= limit)
+        if moved < easy_px and np.count_nonzero(good) >= NEARLY_ALL * np.count_nonzero(measured.in_view):
+            break
     if measured is None or solved is None or lines is None:
         return None
-    limit = AGREES_PX + AGREES_PART * 2.0 * lines.unit_px
-    good = measured.found & (np.abs(solved.residual) <= limit)
     edges = Edges(
         np.bincount(points.contour[measured.in_view], minlength=count),
         np.bincount(points.contour[good], minlength=count),
