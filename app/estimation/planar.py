@@ -19,8 +19,8 @@ from app.frames import Array
 from app.messages import PlaneFit
 
 STEPS = 15
-CONVERGED = 1e-3
-"""Squared sigmas that a step is expected to win for another one to follow it."""
+CONVERGED = 1e-2
+"""Squared sigmas that a step is expected to win for another one to follow it: one of a tenth of a sigma is the last."""
 RIDGE = 1e-12
 """Added to the diagonal of an information that is singular, in parts of its mean: a direction that was not seen is no
 error."""
