@@ -27,12 +27,12 @@ LIKE = 0.65
 """Squared correlation in a window that counts as agreement."""
 FAINT = 0.25
 """Contrast in a window, as a part of the usual one, that counts."""
-MIN_AGREE = 0.5
+MIN_AGREE = 0.55
 """Part of the places that must agree."""
-MIN_INSIDE = 0.4
+MIN_INSIDE = 0.5
 """The same inside the second contour."""
 FEWEST = 12
-ODDS = 2.0
+ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
 MIN_CONTRAST_DN = 10.0
 
@@ -83,8 +83,16 @@ def compare(grey: _Grey, white: Array, seen: NDArray[np.bool_]) -> Agreement:
     return Agreement(like, shows, usual)
 
 
-def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection | None, float]:
-    """Whether the patch agrees with the drawing in enough places, and with no rival as well; and in which part."""
+def check_agreement(
+    patch: Patch, geometry: LandmarkGeometry, least: float = MIN_AGREE
+) -> tuple[Rejection | None, float]:
+    """Whether the patch agrees with the drawing in enough places, and with no rival as well; and in which part.
+
+    Args:
+        patch: At the map in question.
+        geometry: Of the landmark.
+        least: Part of the places that must agree.
+    """
     sigma = PSF_SIGMA_PX / patch.cell_px
     seen = geometry.judged if patch.whole else geometry.judged & patch.seen
     grey = _Grey(patch)
@@ -94,22 +102,22 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection
     if mine.contrast < MIN_CONTRAST_DN:
         text = f"contrast {mine.contrast:.0f} grey levels, under {MIN_CONTRAST_DN:.0f}"
         return Rejection(Refusal.CONTRAST, text), share
-    if share < MIN_AGREE or int(mine.shows.sum()) < 4 * FEWEST:
-        text = f"{share * 100:.0f}% of its places are as drawn, under {MIN_AGREE * 100:.0f}%"
+    if share < least or int(mine.shows.sum()) < 4 * FEWEST:
+        text = f"{share * 100:.0f}% of its places are as drawn, under {least * 100:.0f}%"
         return Rejection(Refusal.CORRELATION, text), share
     inside = mine.shows & geometry.inside(min(1, len(geometry.landmark.contours) - 1))
-    if mine.share(inside) < MIN_INSIDE:
+    if inside.any() and mine.share(inside) < MIN_INSIDE:
         text = f"{mine.share(inside) * 100:.0f}% of what lies inside is as drawn, under {MIN_INSIDE * 100:.0f}%"
         return Rejection(Refusal.INNER_CORRELATION, text), share
-    for rival in geometry.rivals(sigma, None):
-        theirs = compare(grey, rival.template.white, seen)
+    rivals = geometry.rivals(sigma)
+    for name, must_differ, rival in list(zip(rivals.names, rivals.must_differ, rivals.templates, strict=True))[1:]:
+        theirs = compare(grey, rival.white, seen)
         ours, others = int((mine.like & ~theirs.like).sum()), int((theirs.like & ~mine.like).sum())
-        if ours + others < FEWEST and not rival.must_differ:
+        if ours + others < FEWEST and not must_differ:
             continue
         if ours < max(FEWEST, ODDS * others):
             text = (
-                f"could as well be the landmark {rival.name}: {ours} places agree with the one alone, "
-                f"{others} with the other"
+                f"could as well be the landmark {name}: {ours} places agree with the one alone, {others} with the other"
             )
-            return Rejection(Refusal.HEADING if rival.must_differ else Refusal.INNER_CORRELATION, text), share
+            return Rejection(Refusal.HEADING if must_differ else Refusal.INNER_CORRELATION, text), share
     return None, share

@@ -1,11 +1,13 @@
-"""A small landmark fitted as a picture: the drawing, blurred as the camera blurs it, is moved until it explains the grey
-of the rectified patch. Where contours are a pixel or two apart, edges blur into each other and only this is unbiased.
+"""A small landmark fitted as a picture: the drawing, blurred as the camera blurs it, is moved until it explains the
+grey of the rectified patch. Where contours are a pixel or two apart, edges blur into each other and only this is
+unbiased.
 
 What the light, the lens and the camera's tone curve do to the picture is fitted along with the move: the grey of black,
 of white and of what lies round the quiet zone, a gradient of the light, more blur in any direction (focus, motion) and
 a bend of the tone curve. What is left over then speaks against the drawing.
 
-Method: inverse compositional Gauss-Newton with linear appearance (Baker and Matthews, "Lucas-Kanade 20 years on", 2004).
+Method: inverse compositional Gauss-Newton with linear appearance (Baker and Matthews, "Lucas-Kanade 20 years on",
+2004).
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from app.frames import Array
@@ -33,6 +36,7 @@ GRADIENT_SIGMA = 0.3
 TONE_SIGMA = 0.4
 """Bend of the tone curve between black and white, as a part of the contrast."""
 NOISE_MIN_DN = 1.0
+AVERAGED_PX = 2.0
 LEVELS = 9
 _WHITE, _OUTSIDE, _UU, _VV, _UV, _TONE, _GU, _GV, _ONE = range(8, 8 + LEVELS)
 
@@ -49,6 +53,8 @@ class Alignment:
         contrast: Grey levels from black to white.
         scatter_dn: Root mean square difference of patch and model on the landmark, grey levels.
         correlation: Of patch and model there.
+        structure: Root mean square of what is left after averaging over some pixels, as a part of the contrast: noise
+            averages out, another drawing doesn't.
         level: Grey half way from black to white.
     """
 
@@ -59,6 +65,7 @@ class Alignment:
     contrast: float
     scatter_dn: float
     correlation: float
+    structure: float
     level: float
 
 
@@ -152,6 +159,15 @@ def _pad_warp(d: Array, unit_m: float) -> Array:
     return warped(np.eye(3), d, unit_m)
 
 
+def _structure(patch: Patch, model: Array, geometry: LandmarkGeometry) -> float:
+    """Root mean square, in grey levels, of the averaged difference of patch and model on the landmark."""
+    judged = geometry.judged if patch.whole else geometry.judged & patch.seen
+    off = np.where(judged, patch.grey - model.reshape(patch.grey.shape), 0.0)
+    window = max(3, round(AVERAGED_PX / patch.cell_px) | 1)
+    smooth = cv2.blur(off, (window, window))[judged]
+    return math.sqrt(float(smooth @ smooth) / max(1, len(smooth)))
+
+
 def _finished(
     matrix: Array, patch: Patch, model: Array, levels: Array, normal: Array, geometry: LandmarkGeometry
 ) -> Alignment:
@@ -176,4 +192,7 @@ def _finished(
     scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
     information = information * scale * scale[:, None]
     level = float(levels[_ONE - 8]) + 0.5 * contrast
-    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level)
+    structure = _structure(patch, model, geometry) / max(contrast, 1.0)
+    return Alignment(
+        matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, structure, level
+    )

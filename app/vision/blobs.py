@@ -41,7 +41,7 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
     low, high = 2.6 * SIDES_PX[0] / reduction, 4.4 * SIDES_PX[1] * grown / reduction
     black = tree.black_inside
     boxes: list[Array] = []
-    for k in np.flatnonzero((tree.length >= low) & (tree.length <= high)):
+    for k in np.flatnonzero((tree.length >= low) & (tree.length <= high)).tolist():
         points = tree.points[k]
         area = cv2.contourArea(points)
         if area < MIN_COMPACT * len(points) ** 2:

@@ -17,16 +17,15 @@ from app.vision.agreement import check_agreement
 from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
-    INNER_MIN,
     MIN_CONTRAST,
-    WHOLE_MIN,
     Explained,
+    check_aligned,
     check_contours,
     check_edges,
     check_inverted,
     check_likeness,
-    check_picture,
     check_rectified,
+    check_sandwiched,
     explain,
     heading_is_open,
 )
@@ -56,12 +55,13 @@ AGAIN_MIN = 0.95
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
-RESOLVED_PX = 110.0
-"""From this side on the edges of all contours of the paper's landmark are measured; below, the picture must vouch."""
+MIN_AGREE_INSIDE = 0.45
+MIN_AGREE_WHOLE = 0.7
+"""Part of the places inside the second contour that must agree; more where no edge is covered."""
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
-IN_PLACES_MAX_PX = 400.0
-"""Larger landmarks show enough edges; the cells of their patch are many pixels wide."""
+IN_PLACES_MAX_PX = 110.0
+"""Larger landmarks show all their edges, and these decide."""
 MIN_GAP_SEEN_PX = 1.0
 CONTOUR_SHARE = 0.5
 """A contour counts as found if this part of its edge points is confirmed."""
@@ -167,7 +167,7 @@ def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Reject
         again: It was confirmed in the frame before: edges that are nearly all there are enough.
     """
     geometry, edges = view.geometry, fit.edges
-    refused = check_edges(edges)
+    refused = check_edges(edges) or check_sandwiched(edges, geometry)
     if refused is not None:
         return refused
     score = edges.share
@@ -176,13 +176,39 @@ def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Reject
         return _found(fit, score, view)
     patch = rectify(view, fit.rays_from_pad)
     refused = open_yet or check_inverted(patch, geometry) or check_likeness(patch, geometry)
-    if refused is None and edges.side_px < RESOLVED_PX:
-        resolved = int(np.flatnonzero(edges.in_view).max())
-        if resolved < len(geometry.landmark.contours) - 1:
-            refused, _ = check_picture(patch, resolved, geometry, INNER_MIN)
+    least = MIN_AGREE_INSIDE
+    if refused is None:
+        refused = _check_inside(fit, view)
+        least = MIN_AGREE_WHOLE
     if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
         refused, score = check_agreement(patch, geometry)
+        if refused is None and side_px(patch) >= SMALL_PX and len(geometry.landmark.contours) > 2:
+            # Once more from nearer, where the heading and the innermost contours are.
+            inner = geometry.inner(2)
+            near = rectify(View(view.image, view.origin, inner, view.lens), fit.rays_from_pad)
+            refused, _ = check_agreement(near, inner, least)
     return _found(fit, score, view) if refused is None else refused
+
+
+def _check_inside(fit: EdgeFit, view: View) -> Rejection | None:
+    """Whether the picture inside is as drawn where contours are too narrow for their edges to be measured."""
+    geometry, edges = view.geometry, fit.edges
+    points = geometry.points_of
+    unresolved = np.flatnonzero(edges.in_view < 0.5 * points)
+    deepest = len(points) - 1
+    if not len(unresolved) or unresolved[-1] < deepest or deepest < 2:
+        return None
+    seen = np.flatnonzero(edges.confirmed[2::2] >= 0.5 * points[2::2])
+    first = 2 + 2 * int(seen[-1]) if len(seen) else 2
+    inner = geometry.inner(first)
+    px, valid = project_pad(fit.rays_from_pad, inner.corners[inner.slices[0]], view.lens)
+    height, width = view.image.shape
+    if not valid.all() or (px < view.origin).any() or (px > np.array([width - 1, height - 1]) + view.origin).any():
+        return None
+    aligned = align(View(view.image, view.origin, inner, view.lens), fit.rays_from_pad, 2)
+    if aligned is None:
+        return Rejection(Refusal.INNER_CORRELATION, "the picture inside doesn't hold the drawing")
+    return check_aligned(aligned, inner)
 
 
 def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
@@ -241,14 +267,10 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
     size_px = side_px(patch)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
-    correlation = aligned.correlation
-    if not (again and correlation > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
-        refused, best = check_picture(patch, None, geometry, WHOLE_MIN)
+    if not (again and aligned.correlation > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
+        refused = check_aligned(aligned, geometry)
         if refused is not None:
             return refused
-        if best is None:
-            return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image")
-        correlation = best.correlation
     count = len(geometry.landmark.contours)
     resolved = 2
     while resolved < count and geometry.outer_gap_m[resolved] * size_px / geometry.size_m >= MIN_GAP_SEEN_PX:
@@ -258,7 +280,7 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
         aligned.information,
         aligned.scatter_dn / aligned.contrast,
         range(resolved),
-        correlation,
+        aligned.correlation,
         size_px,
         aligned.level,
         1.0,

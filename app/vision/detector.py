@@ -9,6 +9,7 @@ small, cut off or covered. Each stage is a module of its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -197,8 +198,8 @@ class Detector:
         )
 
     # ------------------------------------------------------------------------------------------------------ one look
-    def _look(self, view: View, prepared: Prepared, binary: Image, level: int, how: str) -> Attempt:
-        """One binary image."""
+    def _look(self, view: View, prepared: Prepared, binary: Image, level: int, how: str, thorough: bool) -> Attempt:
+        """One binary image; thorough: by single sides too."""
         config = self.config
         candidates: list[Candidate] = []
         tree = contour_tree(binary)
@@ -214,7 +215,7 @@ class Detector:
                 candidates.append(Candidate((box,), "small", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
-        for side in sides(tree, prepared, view):
+        for side in sides(tree, prepared, view) if thorough else ():
             for k, start in readings(side, self.geometry):
                 result = confirm_partial(start, k, view)
                 refused = result if isinstance(result, Rejection) else None
@@ -223,19 +224,20 @@ class Detector:
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         return Attempt(how, prepared.region, level, binary, tuple(candidates), None)
 
-    def _by_level(self, view: View, prepared: Prepared, level: int) -> Attempt:
+    def _by_level(self, view: View, prepared: Prepared, level: int, thorough: bool = True) -> Attempt:
         """At one grey level."""
-        return self._look(view, prepared, binarise(prepared.smooth, level), level, "threshold")
+        return self._look(view, prepared, binarise(prepared.smooth, level), level, "threshold", thorough)
 
-    def _by_place(self, view: View, prepared: Prepared, window_px: int) -> Attempt:
+    def _by_place(self, view: View, prepared: Prepared, window_px: int, thorough: bool = True) -> Attempt:
         """Each place against the mean of its surroundings."""
-        return self._look(view, prepared, local_binary(prepared.smooth, window_px), 0, "local threshold")
+        return self._look(view, prepared, local_binary(prepared.smooth, window_px), 0, "local threshold", thorough)
 
     # --------------------------------------------------------------------------------------------------------- stills
     def _still(self, view: View) -> Attempt:
         """All thresholds on one image, Otsu's first; the attempt that came nearest if none finds it."""
         config, image = self.config, view.image
         coarse = -(-image.shape[1] // SEARCH_WIDTH_PX)
+        first = global_otsu(image)
         levels = dict.fromkeys(
             [
                 *ladder(config.sweep_from, config.sweep_to, config.sweep_step),
@@ -243,21 +245,36 @@ class Detector:
             ]
         )
         nearest: Attempt | None = None
-        first = global_otsu(image)
-        for reduction in dict.fromkeys((coarse, 1, 2)):
-            prepared = prepare(image, whole(image), reduction=reduction, sigma_px=config.blur_sigma_px)
-            looks = [lambda p=prepared: self._by_level(view, p, first)]
-            looks += [lambda p=prepared, w=w: self._by_place(view, p, w) for w in LOCAL_WINDOWS_PX]
-            if reduction == 1:
-                looks += [lambda p=prepared, v=v: self._by_level(view, p, v) for v in levels if v != first]
-            for look in looks:
-                attempt = look()
-                if attempt.found is not None:
-                    return attempt
-                if nearest is None or attempt.progress > nearest.progress:
-                    nearest = attempt
+        for prepared, level, window_px, thorough in self._looks(view, coarse, first, levels):
+            if window_px:
+                attempt = self._by_place(view, prepared, window_px, thorough)
+            else:
+                attempt = self._by_level(view, prepared, level, thorough)
+            if attempt.found is not None:
+                return attempt
+            if nearest is None or attempt.progress > nearest.progress:
+                nearest = attempt
         assert nearest is not None
         return nearest
+
+    def _looks(
+        self, view: View, coarse: int, first: int, levels: Iterable[int]
+    ) -> Iterator[tuple[Prepared, int, int, bool]]:
+        """What a frame that stands alone is looked at through: a region, a grey level or the window of a local
+        threshold, and whether single sides are worth their time.
+        """
+        everything, sigma_px = whole(view.image), self.config.blur_sigma_px
+        prepared = prepare(view.image, everything, reduction=coarse, sigma_px=sigma_px)
+        yield prepared, first, 0, False
+        for window_px in LOCAL_WINDOWS_PX:
+            yield prepared, 0, window_px, False
+        yield prepared, first, 0, True
+        yield prepared, 0, LOCAL_WINDOWS_PX[-1], True
+        fine = prepared if coarse == 1 else prepare(view.image, everything, sigma_px=sigma_px)
+        for level in levels:
+            yield fine, level, 0, False
+        half = prepare(view.image, everything, reduction=coarse + 1, sigma_px=sigma_px)
+        yield half, 0, LOCAL_WINDOWS_PX[-1], True
 
     # ------------------------------------------------------------------------------------------------------ sequences
     def _next(self, view: View, t_s: float, predicted_px: tuple[float, float] | None) -> Attempt:

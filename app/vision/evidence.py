@@ -8,14 +8,16 @@ the drawing must explain the grey better than the drawing turned, or with a part
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
+from app.vision.align import Alignment
 from app.vision.fit import Fit, apply
-from app.vision.geometry import LandmarkGeometry, Template
+from app.vision.geometry import HOLD, LandmarkGeometry, Template
 from app.vision.patch import PSF_SIGMA_PX, Patch
 from app.vision.refine import Edges
 from app.vision.refusal import Refusal, Rejection
@@ -44,15 +46,18 @@ NEIGHBOUR_WHOLE = 0.85
 covers a contour covers some of its neighbours too."""
 BENT_MAX = 0.08
 """What a lens that is not as its file says may bend the plane by."""
+SANDWICHED = 0.65
+"""Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one."""
 INVERTED = 0.014
 """Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
 the other; a triangle upside down is both, by 4% each."""
 LIKE_MIN = 0.5
-WHOLE_MIN = 0.92
+WHOLE_MIN = 0.945
 """Correlation of a small landmark's patch with the drawing as this light and lens show it."""
-INNER_MIN = 0.8
-"""The same inside the innermost contour that was resolved."""
-RIVAL_MARGIN = 0.35
+STRUCTURE_MAX = 0.065
+"""What noise, blur and light don't explain, as a part of the contrast: rendered landmarks leave 0.01 to 0.05, those
+with another ratio, or shifted or turned triangles 0.065 and more."""
+RIVAL_MARGIN = 0.15
 """Part of the difference that the drawing leads one to expect between itself and a rival."""
 MIN_CELLS = 24
 FLAT_PART = 0.03
@@ -122,14 +127,35 @@ def check_contours(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None
     if edges.share < MIN_SHARE:
         text = f"{edges.share * 100:.0f}% of its sides are as drawn, under {MIN_SHARE * 100:.0f}%"
         return Rejection(Refusal.SIDES, text)
-    names = [c.name for c in geometry.landmark.contours]
+    for k, other in _missing(edges, geometry, CONTOUR_MISSING, any_neighbour=True):
+        return _not_there(k, other, edges, geometry)
+    return None
+
+
+def _missing(
+    edges: Edges, geometry: LandmarkGeometry, least: float, *, any_neighbour: bool
+) -> Iterator[tuple[int, int]]:
+    """Contours of which less than `least` is confirmed though a neighbour, or each of them, is whole; and which."""
     share = edges.confirmed / np.maximum(edges.in_view, 1)
     judged = edges.in_view >= CONTOUR_POINTS
-    for k in np.flatnonzero(judged & (share < CONTOUR_MISSING)):
-        for other in (k - 1, k + 1):
-            if 0 <= other < len(share) and judged[other] and share[other] > NEIGHBOUR_WHOLE:
-                text = f"{names[k]} is not there ({share[k] * 100:.0f}% of its sides), though {names[other]} is"
-                return Rejection(Refusal.SIDES, text)
+    for k in np.flatnonzero(judged & (share < least)).tolist():
+        beside = [n for n in (k - 1, k + 1) if 0 <= n < len(share) and judged[n]]
+        whole = [n for n in beside if share[n] > NEIGHBOUR_WHOLE]
+        if whole and (any_neighbour or whole == beside):
+            yield k, whole[0]
+
+
+def _not_there(k: int, other: int, edges: Edges, geometry: LandmarkGeometry) -> Rejection:
+    names = [c.name for c in geometry.landmark.contours]
+    share = edges.confirmed[k] / max(1, int(edges.in_view[k]))
+    text = f"{names[k]} is not as drawn ({share * 100:.0f}% of its sides), though {names[other]} is"
+    return Rejection(Refusal.SIDES, text)
+
+
+def check_sandwiched(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether a contour is not as drawn though those next to it are: nothing can cover it alone."""
+    for k, other in _missing(edges, geometry, SANDWICHED, any_neighbour=False):
+        return _not_there(k, other, edges, geometry)
     return None
 
 
@@ -198,12 +224,11 @@ def _seen(patch: Patch, cells: NDArray[np.intp]) -> NDArray[np.intp]:
     return cells if patch.whole else cells[patch.seen.ravel()[cells]]
 
 
-def explain(grey: Array, template: Template, cells: NDArray[np.intp], few: bool = False) -> Explained:
-    """Fit a drawing's appearance to the grey (n,) of some cells; few: only black and white, for few cells."""
+def explain(grey: Array, template: Template, cells: NDArray[np.intp]) -> Explained:
+    """Fit a drawing's appearance to the grey (n,) of some cells."""
     terms = template.appearance[cells]
-    terms = terms[:, [0, 8]] if few else terms
     normal = terms.T @ terms
-    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + (template.hold[[0, 8]] if few else template.hold)
+    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + HOLD
     solution = np.linalg.solve(normal, terms.T @ grey)
     model = terms @ solution
     off = grey - model
@@ -214,40 +239,38 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp], few: bool 
     return Explained(correlation, left, contrast, model)
 
 
-def check_picture(
-    patch: Patch, inside_of: int | None, geometry: LandmarkGeometry, least: float
-) -> tuple[Rejection | None, Explained | None]:
-    """Whether the drawing explains the patch, or what lies inside one of its contours, and no rival does as well.
-
-    Args:
-        patch: At the map in question.
-        inside_of: Only what lies inside this contour; None for all of it.
-        geometry: Of the landmark.
-        least: Smallest correlation.
-    """
-    template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
-    cells = _seen(patch, geometry.cells(inside_of))
+def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether the drawing explains an aligned patch, and no rival does as well."""
+    if aligned.contrast < MIN_CONTRAST:
+        text = f"contrast {aligned.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
+        return Rejection(Refusal.CONTRAST, text)
+    if aligned.correlation < WHOLE_MIN:
+        text = f"correlation with the drawn landmark {aligned.correlation:.2f}, under {WHOLE_MIN:.2f}"
+        return Rejection(Refusal.CORRELATION, text)
+    if aligned.structure > STRUCTURE_MAX:
+        text = (
+            f"what differs from the drawing is {aligned.structure * 100:.1f}% of the contrast, "
+            f"over {STRUCTURE_MAX * 100:.1f}%"
+        )
+        return Rejection(Refusal.CORRELATION, text)
+    patch = aligned.patch
+    sigma = PSF_SIGMA_PX / patch.cell_px
+    cells = _seen(patch, geometry.cells(None))
     if len(cells) < MIN_CELLS:
-        return None, None
+        return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image")
     grey = patch.grey.ravel()[cells]
-    few = inside_of is not None
-    best = explain(grey, template, cells, few)
-    refusal = Refusal.CORRELATION if inside_of is None else Refusal.INNER_CORRELATION
-    part = "" if inside_of is None else f" inside {geometry.landmark.contours[inside_of].name}"
-    if best.contrast < MIN_CONTRAST:
-        text = f"contrast{part} {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
-        return Rejection(Refusal.CONTRAST, text), best
-    if best.correlation < least:
-        text = f"correlation with the drawn landmark{part} {best.correlation:.2f}, under {least:.2f}"
-        return Rejection(refusal, text), best
-    flat = len(cells) * (FLAT_PART * best.contrast) ** 2
-    for rival in geometry.rivals(PSF_SIGMA_PX / patch.cell_px, inside_of):
-        expected = explain(best.model, rival.template, cells, few).left
-        if expected < flat and not rival.must_differ:
-            continue
-        found = explain(grey, rival.template, cells, few).left - best.left
-        if found < RIVAL_MARGIN * expected or expected < flat:
-            part_found = found / max(expected, 1e-9) * 100
-            text = f"could as well be the landmark {rival.name}: {part_found:.0f}% of the difference to expect"
-            return Rejection(Refusal.HEADING if rival.must_differ else refusal, text), best
-    return None, best
+    rivals = geometry.rivals(sigma)
+    expected, found = rivals.left(np.column_stack([aligned.model.ravel()[cells], grey]), cells).T
+    expected, found = expected - expected[0], found - found[0]
+    same = expected < len(cells) * (FLAT_PART * aligned.contrast) ** 2
+    # A rival that can't be told from the landmark says nothing, but for the landmark turned.
+    wrong = np.where(same, rivals.must_differ, found < RIVAL_MARGIN * expected)
+    wrong[0] = False
+    if wrong.any():
+        k = int(np.flatnonzero(wrong)[0])
+        text = (
+            f"could as well be the landmark {rivals.names[k]}: "
+            f"{found[k] / max(expected[k], 1e-9) * 100:.0f}% of the difference to expect"
+        )
+        return Rejection(Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION, text)
+    return None

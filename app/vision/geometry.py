@@ -7,7 +7,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 
 import cv2
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.landmark import Landmark, Shape, gaps_m
+from app.landmark import Contour, Landmark, Shape, gaps_m
 
 SAMPLES_PER_SIDE = 10
 SIDE_MARGIN = 0.09
@@ -33,6 +32,8 @@ SURROUND = 8.0
 """What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
+HOLD: Array = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 6.0, 10.0, 10.0, 0.0])
+"""How strongly each term of Template.appearance is held near 0 where only the appearance is fitted."""
 BLURS_PER_OCTAVE = 4.0
 FINE = 4
 """Points along a cell when the drawing is made."""
@@ -72,18 +73,13 @@ class Template:
         return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
 
     @cached_property
-    def hold(self) -> Array:
-        """(9,) how strongly each term of the appearance is held near 0 where only the appearance is fitted."""
-        return np.array([0.0, 0.0, 1.0, 1.0, 1.0, 6.0, 10.0, 10.0, 0.0])
-
-    @cached_property
     def trust(self) -> Array:
         """(cells,) weights: what lies round the quiet zone may be anything."""
         return np.asarray(1.0 / (1.0 + (SURROUND * self.outside.ravel()) ** 2), dtype=np.float64)
 
     @cached_property
     def design(self) -> Array:
-        """(8 + 8 + 9, cells): slopes of white, slopes of outside, appearance; all that a step of the alignment needs."""
+        """(8 + 8 + 9, cells): slopes of white, slopes of outside, appearance: all that an alignment needs."""
         return np.ascontiguousarray(np.concatenate([*(s.T for s in self.slopes()), self.appearance.T]))
 
     @cached_property
@@ -115,19 +111,40 @@ class Template:
         return self._slopes
 
 
-@dataclass(frozen=True, slots=True)
-class Rival:
-    """Another drawing that the landmark must not be taken for.
+class Rivals:
+    """Other drawings that the landmark must not be taken for, at one blur.
 
     Attributes:
-        name: What it is, for people.
-        template: As seen.
-        must_differ: Where it can't be told from the landmark, nothing is known: it is the landmark turned.
+        names: What they are, for people.
+        must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
+        templates: As seen; the first one is the landmark itself.
     """
 
-    name: str
-    template: Template
-    must_differ: bool
+    def __init__(self, names: list[str], must_differ: list[bool], templates: list[Template]) -> None:
+        self.names = names
+        self.must_differ = np.array(must_differ)
+        self.templates = templates
+
+    @cached_property
+    def _appearances(self) -> Array:
+        """(n, 9, cells)."""
+        return np.stack([t.appearance.T for t in self.templates])
+
+    def left(self, values: Array, cells: NDArray[np.intp]) -> Array:
+        """(n, k) sums of squares that each drawing leaves of some greys, with the appearance that suits it best.
+
+        Args:
+            values: (cells, k) k lists of greys.
+            cells: Where they are.
+        """
+        terms = self._appearances[:, :, cells]
+        side = (terms.reshape(-1, len(cells)) @ values).reshape(len(terms), -1, values.shape[1])
+        normal = terms @ terms.transpose(0, 2, 1)
+        held = normal + np.diag(1e-6 * len(cells) + HOLD)
+        solution = np.linalg.solve(held, side)
+        total = (values * values).sum(axis=0)
+        result: Array = total - 2.0 * (side * solution).sum(axis=1) + (solution * (normal @ solution)).sum(axis=1)
+        return result
 
 
 @cache
@@ -215,7 +232,7 @@ class LandmarkGeometry:
         self.point_sign: Array = np.repeat(self.side_sign, SAMPLES_PER_SIDE)
         self.point_contour: NDArray[np.intp] = np.repeat(self.corner_contour, SAMPLES_PER_SIDE)
         self._templates: dict[tuple[int, int], Template] = {}
-        self._rivals: dict[tuple[int, int | None], list[Rival]] = {}
+        self._rivals: dict[int, Rivals] = {}
         self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
 
@@ -266,6 +283,20 @@ class LandmarkGeometry:
         lengths = [c.side_m * c.shape.corners for c in self.landmark.contours]
         return tuple(a / b for a, b in itertools.pairwise(lengths))
 
+    @cache  # noqa: B019  # a geometry lives as long as its detector
+    def inner(self, first: int) -> LandmarkGeometry:
+        """The drawing from a black contour on, on the white that is round it."""
+        contours = self.landmark.contours
+        white = contours[first - 1]
+        return LandmarkGeometry(
+            Landmark(f"{self.landmark.name} from {contours[first].name}", contours[first:], white.side_m)
+        )
+
+    @cached_property
+    def points_of(self) -> NDArray[np.intp]:
+        """(contours,) how many points lie along the sides of each."""
+        return np.bincount(self.point_contour)
+
     @cached_property
     def turns_visibly(self) -> NDArray[np.bool_]:
         """(contours,) whether a contour looks different when the landmark is turned by a quarter."""
@@ -298,18 +329,27 @@ class LandmarkGeometry:
         return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
 
     @cached_property
-    def _drawings(self) -> list[tuple[str, int, NDArray[np.float32]]]:
-        """The landmark first, then its variants: name, the outermost contour that differs, drawing of _drawn."""
+    def _drawings(self) -> list[tuple[str, NDArray[np.float32]]]:
+        """The landmark first, then its variants: name and drawing of _drawn."""
         own = [(c.corners_m, c.black) for c in self.landmark.contours]
-        found = [("as drawn", 0, self._drawn(own))]
+        found = [("as drawn", self._drawn(own))]
         for k, contour in enumerate(self.landmark.contours):
             if k == 0:
                 continue
-            found.append((f"without {contour.name}", k, self._drawn(own[:k])))
+            found.append((f"without {contour.name}", self._drawn(own[:k])))
             if contour.shape is Shape.TRIANGLE:
                 turned = 2.0 * contour.centroid_m - contour.corners_m
                 changed = [*own[:k], (turned, contour.black), *own[k + 1 :]]
-                found.append((f"with {contour.name} upside down", k, self._drawn(changed)))
+                found.append((f"with {contour.name} upside down", self._drawn(changed)))
+            for word, factor in (("larger", 1.2), ("smaller", 0.8)):
+                resized = contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)
+                changed = [*own[:k], (resized, contour.black), *own[k + 1 :]]
+                found.append((f"with {contour.name} {word}", self._drawn(changed)))
+        last = self.landmark.contours[-1]
+        if len(own) > 1:
+            for name, corners in _other_shapes(last):
+                changed = [*own[:-1], (corners, last.black)]
+                found.append((f"with {last.name} {name}", self._drawn(changed)))
         return found
 
     def template(self, sigma_cells: float, variant: int = 0) -> Template:
@@ -328,20 +368,23 @@ class LandmarkGeometry:
     def _blur_key(sigma_cells: float) -> int:
         return max(0, round(BLURS_PER_OCTAVE * math.log2(max(sigma_cells, 0.25) / 0.25)))
 
-    def rivals(self, sigma_cells: float, inside_of: int | None) -> list[Rival]:
-        """What the picture inside a contour (None: all of it) must not be taken for, at a blur of that many cells."""
-        key = self._blur_key(sigma_cells), inside_of
+    def rivals(self, sigma_cells: float) -> Rivals:
+        """What the picture must not be taken for, at a blur of that many cells."""
+        key = self._blur_key(sigma_cells)
         if key not in self._rivals:
-            found: list[Rival] = []
-            if inside_of is None:
-                own = self.template(sigma_cells)
-                for quarters in (1, 2, 3):
-                    turned = Template(np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2)))
-                    found.append(Rival(f"turned by {90 * quarters} degrees", turned, True))
-            for variant, (name, k, _) in enumerate(self._drawings):
-                if variant > 0 and (inside_of is None or k > inside_of):
-                    found.append(Rival(name, self.template(sigma_cells, variant), False))
-            self._rivals[key] = found
+            own = self.template(sigma_cells)
+            names, differ, templates = ["as drawn"], [False], [own]
+            for quarters in (1, 2, 3):
+                names.append(f"turned by {90 * quarters} degrees")
+                differ.append(self.landmark.contours[0].shape is Shape.SQUARE)
+                turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
+                templates.append(Template(turned))
+            for variant, (name, _) in enumerate(self._drawings):
+                if variant > 0:
+                    names.append(name)
+                    differ.append(False)
+                    templates.append(self.template(sigma_cells, variant))
+            self._rivals[key] = Rivals(names, differ, templates)
         return self._rivals[key]
 
     @cached_property
@@ -378,7 +421,7 @@ class LandmarkGeometry:
     def _blurred(self, sigma_cells: float, variant: int) -> Array:
         """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
         sigma = sigma_cells * FINE
-        drawing = self._drawings[variant][2]
+        drawing = self._drawings[variant][1]
         blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in drawing]
         cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
         return np.asarray(cells, dtype=np.float64)
@@ -403,6 +446,21 @@ class LandmarkGeometry:
             depth = gaps_to_points(self.landmark.contours[index].corners_m, self.patch_points)
             self._insides[index] = (depth > 0).reshape(PATCH, PATCH)
         return self._insides[index]
+
+
+def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
+    """What a contour may be replaced by: other polygons, as large as it or larger, clockwise."""
+    found: list[tuple[str, Array]] = []
+    kinds = [("a disc", 24, 0.0), ("a diamond", 4, 0.0), ("a square", 4, 45.0)]
+    kinds += [("a triangle", 3, 0.0), ("a triangle upside down", 3, 180.0)]
+    for name, count, first_deg in kinds:
+        if name == f"a {contour.shape.value}":
+            continue
+        radius = math.sqrt(contour.area_m2 / (0.5 * count * math.sin(2.0 * math.pi / count)))
+        angle = math.radians(first_deg) + 2.0 * math.pi * np.arange(count) / count
+        arm = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        found += [(name, contour.centroid_m + arm), (f"{name}, larger,", contour.centroid_m + 1.25 * arm)]
+    return found
 
 
 def gaps_to_points(corners: Array, points: Array) -> Array:

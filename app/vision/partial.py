@@ -134,7 +134,7 @@ def sides(tree: Tree, prepared: Prepared, view: View) -> list[Side]:
     long = np.flatnonzero(tree.length >= SHORTEST_PX)
     long = long[np.argsort(-tree.length[long], kind="stable")][:MAX_CONTOURS]
     found: list[Side] = []
-    for k in long:
+    for k in long.tolist():
         polygon = _polygon(tree.points[k], prepared, view)
         if polygon is not None:
             found += _sides(*polygon, bool(tree.black_inside[k]))

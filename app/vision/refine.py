@@ -46,8 +46,8 @@ grey varies. Ideal ones reach 0.75 to 0.9, texture seldom half of that."""
 FAR_STEP_PART = 0.12
 """While it is sought far off it doesn't lie in the middle."""
 AGREES_PX = 0.8
-AGREES_PART = 0.006
-"""An edge point is confirmed if it lies this near to the fit, and this part of the outer side in addition (bent prints,
+AGREES_PART = 0.01
+"""An edge point is confirmed if it lies this near to the fit, and this part of its own side in addition (bent prints,
 lens errors)."""
 BIAS_SIGMA_PX = 0.3
 """What all black may be large by, in the image."""
@@ -144,6 +144,7 @@ class _Points:
         self.gap = geometry.unit_gaps[part]
         self.sign = geometry.point_sign[part]
         self.contour = geometry.point_contour[part]
+        self.slack = geometry.sides_m[self.contour] * (AGREES_PART / geometry.unit_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +169,10 @@ class _Lines:
 
 
 def _lines(view: tuple[int, int], matrix: Array, points: _Points, lens: Lens) -> _Lines:
-    """Put the sides into the image; matrix is rays_from_pad S of PlaneFit, view the frame's pixel that is image[0, 0]."""
+    """Put the sides into the image; matrix is rays_from_pad S of PlaneFit, view the frame's pixel at image[0, 0]."""
     px, slope, valid = lens.project_with_jacobian(points.unit @ matrix.T)
+    if not valid.all():
+        px, slope = np.where(valid[:, None], px, FAR_OUT_PX), np.where(valid[:, None, None], slope, 1.0)
     plane = slope @ matrix[:, :2]
     along = (plane @ points.tangent[:, :, None])[:, :, 0]
     length = np.sqrt((along * along).sum(axis=1))
@@ -185,7 +188,6 @@ def _lines(view: tuple[int, int], matrix: Array, points: _Points, lens: Lens) ->
     if valid.all():
         unit_px = math.sqrt(float(area.sum()) / len(area))
     else:
-        px = np.where(valid[:, None], px, FAR_OUT_PX)
         normal, room = np.where(valid[:, None], normal, 0.0), np.where(valid, room, 0.0)
         jacobian = np.where(valid[:, None], jacobian, 0.0)
         if valid.any():
@@ -391,14 +393,14 @@ def fit_edges(
     solved: _Step | None = None
     moved = 0.0
     for k, reach in enumerate(reach_px):
+        last = k == len(reach_px) - 1
         if k > 0 and not alone and (run.start > 0 or run.stop < count):
-            run = range(max(0, run.start - 1), min(count, run.stop + 1))
+            run = range(count) if last else range(max(0, run.start - 1), min(count, run.stop + 1))
             points, lines = _Points(geometry, run), None
         if lines is None or moved > RELINEARISE_PX:
             base, shift = matrix, None
             lines, stiffness = _lines(origin, matrix, points, lens), _rigidity(matrix)
         measured = _measure(image, lines, shift, points, reach)
-        last = k == len(reach_px) - 1
         least_px = max(SCATTER_MIN_PX, SOFT * (reach - FINE_REACH_PX))
         solved = _solve(measured, lines.jacobian, stiffness, 3 if last else 2, least_px)
         if solved is None or not float(np.abs(solved.d).max()) < 0.5:
@@ -406,7 +408,7 @@ def fit_edges(
         matrix = base @ warp(solved.d)
         before, shift = shift, lines.jacobian[:, :8] @ solved.d
         moved = float(np.abs((shift if before is None else shift - before)[measured.in_view]).max(initial=0.0))
-        limit = AGREES_PX + AGREES_PART * 2.0 * lines.unit_px
+        limit = AGREES_PX + lines.unit_px * points.slack
         good = measured.found & (np.abs(solved.residual) <= limit)
         if moved < easy_px and np.count_nonzero(good) >= NEARLY_ALL * np.count_nonzero(measured.in_view):
             break
