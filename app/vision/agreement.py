@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import LandmarkGeometry
-from app.vision.patch import PSF_SIGMA_PX, Patch
+from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry
+from app.vision.patch import Patch
 from app.vision.refusal import Refusal, Rejection
 
 WINDOW = 5

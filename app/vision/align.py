@@ -15,12 +15,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from app.frames import Array
-from app.vision.geometry import PATCH_EXTENT, LandmarkGeometry
-from app.vision.patch import PSF_SIGMA_PX, Patch, View, rectify
+from app.vision.geometry import (
+    BLUR_SIGMA_PX2,
+    GRADIENT_SIGMA,
+    PATCH_EXTENT,
+    PSF_SIGMA_PX,
+    TONE_SIGMA,
+    LandmarkGeometry,
+)
+from app.vision.patch import Patch, View, rectify
 from app.vision.plane import warped
 
 STEPS = 6
@@ -29,14 +35,7 @@ SMALL_STEP = 0.006
 PERSPECTIVE_WEIGHT = 0.05
 """Holds the two perspective terms near what they are unless the patch says otherwise, as a part of the information
 that the patch has on its shift."""
-BLUR_SIGMA_PX2 = 1.5
-"""How much more variance of blur, in squared pixels, is expected along each direction."""
-GRADIENT_SIGMA = 0.3
-"""Gradient of the light over half a patch, as a part of the contrast."""
-TONE_SIGMA = 0.4
-"""Bend of the tone curve between black and white, as a part of the contrast."""
 NOISE_MIN_DN = 1.0
-AVERAGED_PX = 2.0
 LEVELS = 9
 _WHITE, _OUTSIDE, _UU, _VV, _UV, _TONE, _GU, _GV, _ONE = range(8, 8 + LEVELS)
 
@@ -53,8 +52,6 @@ class Alignment:
         contrast: Grey levels from black to white.
         scatter_dn: Root mean square difference of patch and model on the landmark, grey levels.
         correlation: Of patch and model there.
-        structure: Root mean square of what is left after averaging over some pixels, as a part of the contrast: noise
-            averages out, another drawing doesn't.
         level: Grey half way from black to white.
     """
 
@@ -65,7 +62,6 @@ class Alignment:
     contrast: float
     scatter_dn: float
     correlation: float
-    structure: float
     level: float
 
 
@@ -159,15 +155,6 @@ def _pad_warp(d: Array, unit_m: float) -> Array:
     return warped(np.eye(3), d, unit_m)
 
 
-def _structure(patch: Patch, model: Array, geometry: LandmarkGeometry) -> float:
-    """Root mean square, in grey levels, of the averaged difference of patch and model on the landmark."""
-    judged = geometry.judged if patch.whole else geometry.judged & patch.seen
-    off = np.where(judged, patch.grey - model.reshape(patch.grey.shape), 0.0)
-    window = max(3, round(AVERAGED_PX / patch.cell_px) | 1)
-    smooth = cv2.blur(off, (window, window))[judged]
-    return math.sqrt(float(smooth @ smooth) / max(1, len(smooth)))
-
-
 def _finished(
     matrix: Array, patch: Patch, model: Array, levels: Array, normal: Array, geometry: LandmarkGeometry
 ) -> Alignment:
@@ -192,7 +179,4 @@ def _finished(
     scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
     information = information * scale * scale[:, None]
     level = float(levels[_ONE - 8]) + 0.5 * contrast
-    structure = _structure(patch, model, geometry) / max(contrast, 1.0)
-    return Alignment(
-        matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, structure, level
-    )
+    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level)

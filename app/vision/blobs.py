@@ -15,8 +15,8 @@ from app.frames import Array
 from app.vision.camera_model import tangent_basis
 from app.vision.contours import Tree
 from app.vision.fit import homography
-from app.vision.geometry import PATCH
-from app.vision.patch import PSF_SIGMA_PX, View
+from app.vision.geometry import PATCH, PSF_SIGMA_PX
+from app.vision.patch import View
 from app.vision.preprocess import Prepared
 
 SIDES_PX = (7.0, 56.0)

@@ -30,8 +30,8 @@ from app.vision.evidence import (
     heading_is_open,
 )
 from app.vision.fit import fit_run, project_pad
-from app.vision.geometry import LandmarkGeometry
-from app.vision.patch import PSF_SIGMA_PX, Patch, View, rectify, side_px
+from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry
+from app.vision.patch import Patch, View, rectify, side_px
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.table import Alignment as Reading
@@ -40,7 +40,7 @@ from app.vision.table import alignments
 SMALL_PX = 60.0
 """Landmarks with a smaller outer side are fitted as a picture, larger ones by their edges: between the paper's two
 innermost contours there are 2.7 pixels at this size."""
-SMALLEST_PX = 8.0
+SMALLEST_PX = 9.5
 FIRST_REACH_PX = 4.0
 NEXT_REACH_PX = 3.0
 REACH_PART = 0.012
@@ -62,6 +62,8 @@ SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
 IN_PLACES_MAX_PX = 110.0
 """Larger landmarks show all their edges, and these decide."""
+RESOLVED = 0.75
+"""A contour is measured by its edges if this part of its points has room."""
 MIN_GAP_SEEN_PX = 1.0
 CONTOUR_SHARE = 0.5
 """A contour counts as found if this part of its edge points is confirmed."""
@@ -194,7 +196,7 @@ def _check_inside(fit: EdgeFit, view: View) -> Rejection | None:
     """Whether the picture inside is as drawn where contours are too narrow for their edges to be measured."""
     geometry, edges = view.geometry, fit.edges
     points = geometry.points_of
-    unresolved = np.flatnonzero(edges.in_view < 0.5 * points)
+    unresolved = np.flatnonzero(edges.in_view < RESOLVED * points)
     deepest = len(points) - 1
     if not len(unresolved) or unresolved[-1] < deepest or deepest < 2:
         return None
@@ -208,7 +210,7 @@ def _check_inside(fit: EdgeFit, view: View) -> Rejection | None:
     aligned = align(View(view.image, view.origin, inner, view.lens), fit.rays_from_pad, 2)
     if aligned is None:
         return Rejection(Refusal.INNER_CORRELATION, "the picture inside doesn't hold the drawing")
-    return check_aligned(aligned, inner)
+    return check_aligned(aligned, inner)[0]
 
 
 def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
@@ -267,8 +269,9 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
     size_px = side_px(patch)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
-    if not (again and aligned.correlation > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
-        refused = check_aligned(aligned, geometry)
+    score = aligned.correlation
+    if not (again and score > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
+        refused, score = check_aligned(aligned, geometry)
         if refused is not None:
             return refused
     count = len(geometry.landmark.contours)
@@ -280,7 +283,7 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
         aligned.information,
         aligned.scatter_dn / aligned.contrast,
         range(resolved),
-        aligned.correlation,
+        score,
         size_px,
         aligned.level,
         1.0,

@@ -11,14 +11,15 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
 from app.vision.align import Alignment
 from app.vision.fit import Fit, apply
-from app.vision.geometry import HOLD, LandmarkGeometry, Template
-from app.vision.patch import PSF_SIGMA_PX, Patch
+from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Template
+from app.vision.patch import Patch
 from app.vision.refine import Edges
 from app.vision.refusal import Refusal, Rejection
 
@@ -30,6 +31,8 @@ AREA_SLACK = 1.22
 """Area ratios may differ by this factor beside what CORNER_ERROR_PX does."""
 MIN_CONTRAST = 12.0
 """Grey levels between the landmark's black and its white."""
+MAX_CONTRAST = 300.0
+"""A blurred landmark's black and white, worked out from its greys, may lie somewhat beyond 0 and 255."""
 FEWEST_POINTS = 24
 """Edge points that must be confirmed at all."""
 MIN_SHARE = 0.6
@@ -46,8 +49,10 @@ NEIGHBOUR_WHOLE = 0.85
 covers a contour covers some of its neighbours too."""
 BENT_MAX = 0.08
 """What a lens that is not as its file says may bend the plane by."""
+ABSENT = 0.2
 SANDWICHED = 0.65
-"""Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one."""
+"""Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one. And none
+is absent where all others together are whole."""
 INVERTED = 0.014
 """Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
 the other; a triangle upside down is both, by 4% each."""
@@ -57,6 +62,7 @@ WHOLE_MIN = 0.945
 STRUCTURE_MAX = 0.065
 """What noise, blur and light don't explain, as a part of the contrast: rendered landmarks leave 0.01 to 0.05, those
 with another ratio, or shifted or turned triangles 0.065 and more."""
+AVERAGED_PX = 2.0
 RIVAL_MARGIN = 0.15
 """Part of the difference that the drawing leads one to expect between itself and a rival."""
 MIN_CELLS = 24
@@ -156,6 +162,11 @@ def check_sandwiched(edges: Edges, geometry: LandmarkGeometry) -> Rejection | No
     """Whether a contour is not as drawn though those next to it are: nothing can cover it alone."""
     for k, other in _missing(edges, geometry, SANDWICHED, any_neighbour=False):
         return _not_there(k, other, edges, geometry)
+    for k in np.flatnonzero(edges.in_view >= 2 * CONTOUR_POINTS).tolist():
+        others = int(edges.in_view.sum() - edges.in_view[k])
+        confirmed = int(edges.confirmed.sum() - edges.confirmed[k])
+        if edges.confirmed[k] < ABSENT * edges.in_view[k] and confirmed > NEIGHBOUR_WHOLE * others > 0:
+            return _not_there(k, 0 if k else 1, edges, geometry)
     return None
 
 
@@ -228,7 +239,7 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp]) -> Explain
     """Fit a drawing's appearance to the grey (n,) of some cells."""
     terms = template.appearance[cells]
     normal = terms.T @ terms
-    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + HOLD
+    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + template.hold
     solution = np.linalg.solve(normal, terms.T @ grey)
     model = terms @ solution
     off = grey - model
@@ -239,30 +250,34 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp]) -> Explain
     return Explained(correlation, left, contrast, model)
 
 
-def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> Rejection | None:
-    """Whether the drawing explains an aligned patch, and no rival does as well."""
-    if aligned.contrast < MIN_CONTRAST:
-        text = f"contrast {aligned.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
-        return Rejection(Refusal.CONTRAST, text)
-    if aligned.correlation < WHOLE_MIN:
-        text = f"correlation with the drawn landmark {aligned.correlation:.2f}, under {WHOLE_MIN:.2f}"
-        return Rejection(Refusal.CORRELATION, text)
-    if aligned.structure > STRUCTURE_MAX:
-        text = (
-            f"what differs from the drawing is {aligned.structure * 100:.1f}% of the contrast, "
-            f"over {STRUCTURE_MAX * 100:.1f}%"
-        )
-        return Rejection(Refusal.CORRELATION, text)
+def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> tuple[Rejection | None, float]:
+    """Whether the drawing explains an aligned patch, and no rival does as well; and its correlation with the patch."""
     patch = aligned.patch
     sigma = PSF_SIGMA_PX / patch.cell_px
     cells = _seen(patch, geometry.cells(None))
     if len(cells) < MIN_CELLS:
-        return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image")
+        return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image"), 0.0
     grey = patch.grey.ravel()[cells]
+    best = explain(grey, geometry.template(sigma), cells)
+    if best.contrast < MIN_CONTRAST:
+        text = f"contrast {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
+        return Rejection(Refusal.CONTRAST, text), best.correlation
+    if best.contrast > MAX_CONTRAST:
+        text = f"contrast {best.contrast:.0f} grey levels, over {MAX_CONTRAST:.0f}: no print is whiter than white"
+        return Rejection(Refusal.CONTRAST, text), best.correlation
+    if best.correlation < WHOLE_MIN:
+        text = f"correlation with the drawn landmark {best.correlation:.2f}, under {WHOLE_MIN:.2f}"
+        return Rejection(Refusal.CORRELATION, text), best.correlation
+    structure = _structure(patch, cells, grey - best.model) / best.contrast
+    if structure > STRUCTURE_MAX:
+        text = (
+            f"what differs from the drawing is {structure * 100:.1f}% of the contrast, over {STRUCTURE_MAX * 100:.1f}%"
+        )
+        return Rejection(Refusal.CORRELATION, text), best.correlation
     rivals = geometry.rivals(sigma)
-    expected, found = rivals.left(np.column_stack([aligned.model.ravel()[cells], grey]), cells).T
+    expected, found = rivals.left(np.column_stack([best.model, grey]), cells).T
     expected, found = expected - expected[0], found - found[0]
-    same = expected < len(cells) * (FLAT_PART * aligned.contrast) ** 2
+    same = expected < len(cells) * (FLAT_PART * best.contrast) ** 2
     # A rival that can't be told from the landmark says nothing, but for the landmark turned.
     wrong = np.where(same, rivals.must_differ, found < RIVAL_MARGIN * expected)
     wrong[0] = False
@@ -272,5 +287,17 @@ def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> Rejection |
             f"could as well be the landmark {rivals.names[k]}: "
             f"{found[k] / max(expected[k], 1e-9) * 100:.0f}% of the difference to expect"
         )
-        return Rejection(Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION, text)
-    return None
+        refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
+        return Rejection(refusal, text), best.correlation
+    return None, best.correlation
+
+
+def _structure(patch: Patch, cells: NDArray[np.intp], off: Array) -> float:
+    """Root mean square, in grey levels, of what differs, averaged over some pixels: noise averages out, another drawing
+    doesn't.
+    """
+    spread = np.zeros(patch.grey.size)
+    spread[cells] = off
+    window = max(3, round(AVERAGED_PX / patch.cell_px) | 1)
+    smooth = cv2.blur(spread.reshape(patch.grey.shape), (window, window)).ravel()[cells]
+    return math.sqrt(float(smooth @ smooth) / len(cells))

@@ -32,8 +32,16 @@ SURROUND = 8.0
 """What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
-HOLD: Array = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 6.0, 10.0, 10.0, 0.0])
-"""How strongly each term of Template.appearance is held near 0 where only the appearance is fitted."""
+PSF_SIGMA_PX = 0.75
+"""Blur of a sharp lens and of the pixel's own area."""
+BLUR_SIGMA_PX2 = 1.5
+"""How much more variance of blur, in squared pixels, is expected along each direction."""
+GRADIENT_SIGMA = 0.3
+"""Gradient of the light over half a patch, as a part of the contrast."""
+TONE_SIGMA = 0.4
+"""Bend of the tone curve between black and white, as a part of the contrast."""
+NOISE_PART = 0.1
+"""Noise on a pixel, as a part of the contrast, against which these expectations weigh."""
 BLURS_PER_OCTAVE = 4.0
 FINE = 4
 """Points along a cell when the drawing is made."""
@@ -45,10 +53,12 @@ class Template:
     Attributes:
         white: (PATCH, PATCH) how much of each cell is white print, 0 black to 1.
         outside: (PATCH, PATCH) how much of it lies outside the quiet zone.
+        sigma_cells: Its blur.
     """
 
-    def __init__(self, drawings: Array) -> None:
+    def __init__(self, drawings: Array, sigma_cells: float) -> None:
         self.white, self.outside = drawings
+        self.sigma_cells = sigma_cells
         self._slopes: tuple[Array, Array] | None = None
 
     @cached_property
@@ -71,6 +81,14 @@ class Template:
         terms = [white, self.outside.ravel(), 0.5 * row_row.ravel(), 0.5 * column_column.ravel(), row_column.ravel()]
         bend = 4.0 * white * (1.0 - white) * inside
         return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
+
+    @cached_property
+    def hold(self) -> Array:
+        """(9,) how strongly each term of the appearance is held near 0, against one cell's grey."""
+        cell_px = PSF_SIGMA_PX / self.sigma_cells
+        blur = (NOISE_PART * cell_px**2 / (0.5 * BLUR_SIGMA_PX2)) ** 2
+        tone, gradient = (NOISE_PART / TONE_SIGMA) ** 2, (NOISE_PART / GRADIENT_SIGMA) ** 2
+        return np.array([0.0, 0.0, blur, blur, blur, tone, gradient, gradient, 0.0])
 
     @cached_property
     def trust(self) -> Array:
@@ -140,7 +158,7 @@ class Rivals:
         terms = self._appearances[:, :, cells]
         side = (terms.reshape(-1, len(cells)) @ values).reshape(len(terms), -1, values.shape[1])
         normal = terms @ terms.transpose(0, 2, 1)
-        held = normal + np.diag(1e-6 * len(cells) + HOLD)
+        held = normal + np.diag(1e-6 * len(cells) + self.templates[0].hold)
         solution = np.linalg.solve(held, side)
         total = (values * values).sum(axis=0)
         result: Array = total - 2.0 * (side * solution).sum(axis=1) + (solution * (normal @ solution)).sum(axis=1)
@@ -341,7 +359,7 @@ class LandmarkGeometry:
                 turned = 2.0 * contour.centroid_m - contour.corners_m
                 changed = [*own[:k], (turned, contour.black), *own[k + 1 :]]
                 found.append((f"with {contour.name} upside down", self._drawn(changed)))
-            for word, factor in (("larger", 1.2), ("smaller", 0.8)):
+            for word, factor in (("larger", 1.3), ("smaller", 0.7)):
                 resized = contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)
                 changed = [*own[:k], (resized, contour.black), *own[k + 1 :]]
                 found.append((f"with {contour.name} {word}", self._drawn(changed)))
@@ -361,7 +379,8 @@ class LandmarkGeometry:
         """
         key = self._blur_key(sigma_cells), variant
         if key not in self._templates:
-            self._templates[key] = Template(self._blurred(0.25 * 2.0 ** (key[0] / BLURS_PER_OCTAVE), variant))
+            sigma = 0.25 * 2.0 ** (key[0] / BLURS_PER_OCTAVE)
+            self._templates[key] = Template(self._blurred(sigma, variant), sigma)
         return self._templates[key]
 
     @staticmethod
@@ -378,7 +397,7 @@ class LandmarkGeometry:
                 names.append(f"turned by {90 * quarters} degrees")
                 differ.append(self.landmark.contours[0].shape is Shape.SQUARE)
                 turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
-                templates.append(Template(turned))
+                templates.append(Template(turned, own.sigma_cells))
             for variant, (name, _) in enumerate(self._drawings):
                 if variant > 0:
                     names.append(name)

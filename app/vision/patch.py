@@ -18,8 +18,6 @@ from app.vision.camera_model import Lens
 from app.vision.fit import project_pad
 from app.vision.geometry import NODES, PATCH, PATCH_EXTENT, LandmarkGeometry
 
-PSF_SIGMA_PX = 0.75
-"""Blur of a sharp lens and of the pixel's own area."""
 FAR_OUT_PX = -1e4
 _ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
 
