@@ -110,7 +110,11 @@ def check_agreement(
         text = f"{mine.share(inside) * 100:.0f}% of what lies inside is as drawn, under {MIN_INSIDE * 100:.0f}%"
         return Rejection(Refusal.INNER_CORRELATION, text), share
     rivals = geometry.rivals(sigma)
-    for name, must_differ, rival in list(zip(rivals.names, rivals.must_differ, rivals.templates, strict=True))[1:]:
+    for name, must_differ, coarse, rival in zip(
+        rivals.names, rivals.must_differ, rivals.coarse, rivals.templates, strict=True
+    ):
+        if not coarse:
+            continue
         theirs = compare(grey, rival.white, seen)
         ours, others = int((mine.like & ~theirs.like).sum()), int((theirs.like & ~mine.like).sum())
         if ours + others < FEWEST and not must_differ:

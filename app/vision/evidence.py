@@ -19,7 +19,7 @@ from app.frames import Array
 from app.vision.align import Alignment
 from app.vision.fit import Fit, apply
 from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Template
-from app.vision.patch import Patch
+from app.vision.patch import Patch, side_px
 from app.vision.refine import Edges
 from app.vision.refusal import Refusal, Rejection
 
@@ -58,7 +58,9 @@ INVERTED = 0.014
 the other; a triangle upside down is both, by 4% each."""
 LIKE_MIN = 0.5
 WHOLE_MIN = 0.945
-"""Correlation of a small landmark's patch with the drawing as this light and lens show it."""
+FEW_MIN, FEWEST_PX, FEW_PX = 0.98, 12.0, 24.0
+"""Correlation of a small landmark's patch with the drawing as this light and lens show it; and of one of
+FEWEST_PX or less, rising from FEW_PX on."""
 STRUCTURE_MAX = 0.065
 """What noise, blur and light don't explain, as a part of the contrast: rendered landmarks leave 0.01 to 0.05, those
 with another ratio, or shifted or turned triangles 0.065 and more."""
@@ -265,8 +267,11 @@ def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> tuple[Rejec
     if best.contrast > MAX_CONTRAST:
         text = f"contrast {best.contrast:.0f} grey levels, over {MAX_CONTRAST:.0f}: no print is whiter than white"
         return Rejection(Refusal.CONTRAST, text), best.correlation
-    if best.correlation < WHOLE_MIN:
-        text = f"correlation with the drawn landmark {best.correlation:.2f}, under {WHOLE_MIN:.2f}"
+    # Few pixels are easily explained.
+    few = (FEW_PX - side_px(patch)) / (FEW_PX - FEWEST_PX)
+    least = WHOLE_MIN + (FEW_MIN - WHOLE_MIN) * min(1.0, max(0.0, few))
+    if best.correlation < least:
+        text = f"correlation with the drawn landmark {best.correlation:.3f}, under {least:.3f}"
         return Rejection(Refusal.CORRELATION, text), best.correlation
     structure = _structure(patch, cells, grey - best.model) / best.contrast
     if structure > STRUCTURE_MAX:

@@ -136,12 +136,14 @@ class Rivals:
         names: What they are, for people.
         must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
         templates: As seen; the first one is the landmark itself.
+        coarse: (n,) whether it differs as a whole: turned, a contour missing or upside down.
     """
 
     def __init__(self, names: list[str], must_differ: list[bool], templates: list[Template]) -> None:
         self.names = names
         self.must_differ = np.array(must_differ)
         self.templates = templates
+        self.coarse = [n.startswith(("turned", "without")) or n.endswith("upside down") for n in names]
 
     @cached_property
     def _appearances(self) -> Array:
@@ -471,7 +473,7 @@ def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
     """What a contour may be replaced by: other polygons, as large as it or larger, clockwise."""
     found: list[tuple[str, Array]] = []
     kinds = [("a disc", 24, 0.0), ("a diamond", 4, 0.0), ("a square", 4, 45.0)]
-    kinds += [("a triangle", 3, 0.0), ("a triangle upside down", 3, 180.0)]
+    kinds += [("a triangle", 3, 0.0), ("a triangle, inverted", 3, 180.0)]
     for name, count, first_deg in kinds:
         if name == f"a {contour.shape.value}":
             continue
