@@ -61,7 +61,7 @@ RELINEARISE_PX = 3.2
 FAR_OUT_PX = -1e4
 CUTOFF = 3.0
 """Tukey's biweight ends at this many times the scatter."""
-HOLD_PERSPECTIVE = 0.005
+HOLD_PERSPECTIVE = 1e-5
 """Holds the two perspective terms unless the edges say otherwise, as a part of the information on the shift."""
 RIGID_SIGMA = 0.01
 """The pad's two axes are at right angles and equally long; a lens that is not quite as its file says bends that by
