@@ -116,8 +116,8 @@ class PlaneFit:
     """The landmark's plane as it lies before the lens: one fit of the whole drawing to all that was seen of it.
 
     It carries all that the image says of the pose, also where corners are covered or out of the image. Let
-    S = diag(unit_m, unit_m, 1) and W(d) = [[1 + d0, d1, d2], [d3, 1 + d4, d5], [d6, d7, 1]]. Then the true map is, up to
-    scale, rays_from_pad S W(d) S^-1 for a d of mean 0 and covariance information^-1.
+    S = diag(unit_m, unit_m, 1) and W(d) = [[1 + d0, d1, d2], [d3, 1 + d4, d5], [d6, d7, 1]]. Then the true map is, up
+    to scale, rays_from_pad S W(d) S^-1 for a d of mean 0 and covariance information^-1.
 
     Attributes:
         rays_from_pad: (3, 3) takes (forward, right, 1) on the pad, metres, to a direction in the camera frame. Up to

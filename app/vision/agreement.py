@@ -27,10 +27,15 @@ LIKE = 0.65
 """Squared correlation in a window that counts as agreement."""
 FAINT = 0.25
 """Contrast in a window, as a part of the usual one, that counts."""
-MIN_AGREE = 0.55
+MIN_AGREE = 0.52
 """Part of the places that must agree."""
-MIN_INSIDE = 0.5
+MIN_INSIDE = 0.42
 """The same inside the second contour."""
+UNTOUCHED = 0.95
+"""A shadow or a cover that hides what lies inside reaches over the outer contours too: if these agree by more than
+this, another drawing lies inside."""
+EVEN = 0.8
+"""The outer white is in one light if its darkest tenth is as far above black as this part of its brightest tenth."""
 FEWEST = 12
 ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
@@ -83,6 +88,17 @@ def compare(grey: _Grey, white: Array, seen: NDArray[np.bool_]) -> Agreement:
     return Agreement(like, shows, usual)
 
 
+def _is_unevenly_lit(patch: Patch, white: Array, seen: NDArray[np.bool_], geometry: LandmarkGeometry) -> bool:
+    """Whether the print's outer white is darker in some places than in others."""
+    rim = seen & geometry.rim
+    bright, dark = patch.grey[rim & (white > 0.9)], patch.grey[rim & (white < 0.1)]
+    if min(len(bright), len(dark)) < FEWEST:
+        return True
+    black = float(np.median(dark))
+    low, high = (float(v) for v in np.percentile(bright, (10, 90)))
+    return low - black < EVEN * (high - black)
+
+
 def check_agreement(
     patch: Patch, geometry: LandmarkGeometry, least: float = MIN_AGREE
 ) -> tuple[Rejection | None, float]:
@@ -105,7 +121,12 @@ def check_agreement(
     if share < least or int(mine.shows.sum()) < 4 * FEWEST:
         text = f"{share * 100:.0f}% of its places are as drawn, under {least * 100:.0f}%"
         return Rejection(Refusal.CORRELATION, text), share
-    inside = mine.shows & geometry.inside(min(1, len(geometry.landmark.contours) - 1))
+    within = geometry.inside(min(1, len(geometry.landmark.contours) - 1))
+    inside = mine.shows & within
+    touched = mine.share(mine.shows & ~within) < UNTOUCHED or _is_unevenly_lit(patch, template.white, seen, geometry)
+    if not touched and mine.share(inside) < UNTOUCHED:
+        text = f"inside {mine.share(inside) * 100:.0f}% is as drawn, though nothing covers or shades what is round it"
+        return Rejection(Refusal.INNER_CORRELATION, text), share
     if inside.any() and mine.share(inside) < MIN_INSIDE:
         text = f"{mine.share(inside) * 100:.0f}% of what lies inside is as drawn, under {MIN_INSIDE * 100:.0f}%"
         return Rejection(Refusal.INNER_CORRELATION, text), share

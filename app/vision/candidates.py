@@ -56,7 +56,7 @@ MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 MIN_AGREE_INSIDE = 0.45
-MIN_AGREE_WHOLE = 0.7
+MIN_AGREE_WHOLE = 0.65
 """Part of the places inside the second contour that must agree; more where no edge is covered."""
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)

@@ -35,14 +35,14 @@ def square_in_square():
 
 def found_in(image):
     prepared = prepare(image, whole(image), sigma_px=0.0)
-    return nests(prepared, binarise(prepared.smooth, 120), GEOMETRY, LENS, 10.0)
+    return nests(prepared, contour_tree(binarise(prepared.smooth, 120)), GEOMETRY, LENS, 10.0)
 
 
 def test_tree_tells_black_from_white_and_who_lies_in_whom(square_in_square):
     tree = contour_tree(binarise(square_in_square, 120))
     outer = int(np.flatnonzero(tree.parent < 0)[0])
     inner = int(np.flatnonzero(tree.parent == outer)[0])
-    assert (tree.black(outer), tree.black(inner)) == (True, False)
+    assert (tree.black_inside[outer], tree.black_inside[inner]) == (True, False)
     assert tree.length[outer] == 4 * 39
 
 

@@ -1,27 +1,14 @@
 import numpy as np
 import pytest
 
-from app.vision.align import align
 from app.vision.camera_model import lens_from_config
-from app.vision.edges import measure_sides
-from app.vision.evidence import judge, rectify
-from app.vision.fit import Fit, affine, apply, fit_run, homography, project_pad
+from app.vision.fit import affine, apply, fit_run, homography, project_pad
 from app.vision.geometry import LandmarkGeometry
-from app.vision.preprocess import prepare, whole
 
 
 @pytest.fixture(scope="module")
 def geometry(scene):
     return LandmarkGeometry(scene.landmark)
-
-
-def true_fit(view, **moved):
-    """The fit that a view is: columns r1, r2, t, and the pad moved on its plane in metres."""
-    matrix = np.column_stack([view.rotation[:, 0], view.rotation[:, 1], view.t])
-    shift = np.eye(3)
-    shift[:2, 2] = moved.get("by", (0.0, 0.0))
-    grown = np.diag([moved.get("scale", 1.0)] * 2 + [1.0])
-    return Fit(matrix @ shift @ grown, np.eye(3), np.zeros((4, 2)), np.arange(4), 0.0)
 
 
 def test_homography_of_hand_worked_points():
@@ -65,57 +52,3 @@ def test_two_concentric_squares_can_lie_four_ways(scene, geometry):
     truth = scene.corners_px(view, 2, scene.fisheye)[0]
     assert len(fits) == 4
     assert np.linalg.norm(apexes - truth, axis=1).min() < 0.05
-
-
-def test_sides_are_measured_where_they_are_from_a_fit_that_is_off(scene, geometry):
-    view = scene.view(0.8, forward_m=0.1, pad_yaw_deg=20)
-    image = scene.draw(view)
-    lens = lens_from_config(scene.fisheye.config)
-    off = true_fit(view, by=(0.003, -0.003), scale=1.005)
-    sides = measure_sides(prepare(image, whole(image)), off.rays_from_pad, off.basis, geometry, lens, range(5), 2.6)
-    outer = geometry.slices[0]
-    assert sides.corner_found[outer].all()
-    rays = np.column_stack([sides.corners_plane[outer], np.ones(4)])
-    np.testing.assert_allclose(lens.project(rays)[0], scene.corners_px(view, 0, scene.fisheye), atol=0.12)
-
-
-def test_sides_out_of_the_image_are_not_found(scene, geometry):
-    view = scene.view(0.5, forward_m=0.17)
-    image = scene.draw(view, lens=scene.pinhole)
-    fit = true_fit(view)
-    sides = measure_sides(
-        prepare(image, whole(image)),
-        fit.rays_from_pad,
-        fit.basis,
-        geometry,
-        lens_from_config(scene.pinhole.config),
-        range(5),
-        2.0,
-    )
-    assert not sides.found[0]  # the front of S1
-    assert sides.corner_found[geometry.slices[4]].all()
-
-
-@pytest.mark.parametrize("height_m", [3.0, 5.0])
-def test_small_landmark_is_aligned_to_a_tenth_of_a_pixel(scene, geometry, height_m):
-    view = scene.view(height_m, forward_m=0.3, pad_yaw_deg=40)
-    image = scene.draw(view, noise=1.0)
-    lens = lens_from_config(scene.fisheye.config)
-    off = true_fit(view, by=(0.012, -0.009), scale=1.03)
-    fit, _ = align(prepare(image, whole(image)), off, geometry, lens, 215.0 / height_m, 0.8)
-    found, _ = project_pad(fit.rays_from_pad, scene.landmark.contours[0].corners_m, lens)
-    np.testing.assert_allclose(found, scene.corners_px(view, 0, scene.fisheye), atol=0.15)
-
-
-def test_patch_of_the_landmark_correlates_and_that_of_the_lawn_does_not(scene, geometry):
-    view = scene.view(1.0, pad_yaw_deg=40)
-    lens = lens_from_config(scene.fisheye.config)
-    judged = [
-        judge(rectify(prepare(image, whole(image)), true_fit(view), geometry, lens, 215.0, 0.8), 1, geometry)
-        for image in (scene.draw(view), scene.draw(view, polygons=[]))
-    ]
-    assert judged[0].whole > 0.98
-    assert judged[0].inner > 0.97
-    # 215 - 25 grey levels were drawn.
-    assert judged[0].contrast == pytest.approx(190, rel=0.03)
-    assert abs(judged[1].whole) < 0.3

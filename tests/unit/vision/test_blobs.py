@@ -1,0 +1,56 @@
+"""Landmarks of a few pixels are among the hypotheses."""
+
+import numpy as np
+import pytest
+
+from app.vision.align import align
+from app.vision.blobs import blobs
+from app.vision.contours import contour_tree
+from app.vision.preprocess import binarise, local_binary, prepare, whole
+
+
+def hypotheses(maps, image, lens, window_px=0):
+    prepared = prepare(image, whole(image))
+    # Black is 25, what lies round it 95 or 110.
+    binary = local_binary(prepared.smooth, window_px) if window_px else binarise(prepared.smooth, 68)
+    return blobs(contour_tree(binary), prepared, maps.look_at(image, lens))
+
+
+@pytest.mark.parametrize(("lawn", "window_px"), [(False, 0), (True, 21)], ids=["one level", "place by place"])
+@pytest.mark.parametrize("pad_yaw_deg", [0, 45, 110, 200])
+@pytest.mark.parametrize("side_px", [12, 15, 20])
+@pytest.mark.parametrize("lens_name", ["fisheye", "pinhole"])
+def test_small_landmark_is_among_the_hypotheses(scene, maps, lens_name, side_px, pad_yaw_deg, lawn, window_px):
+    lens = getattr(scene, lens_name)
+    h = lens.f * 0.38 / side_px
+    view = scene.view(h, forward_m=0.06 * h, right_m=0.09 * h, pad_yaw_deg=pad_yaw_deg, roll_deg=4)
+    image = scene.draw(view, lens=lens, lawn=lawn)
+    found = hypotheses(maps, image, lens, window_px)
+    # Its heading included: the corner that is the front left one must be it, to a fifth of a side, and the alignment
+    # must get there from it.
+    off = {maps.distances_px(m, view, lens, [0]).max(): m for several, _ in found for m in several}
+    assert min(off) < 0.2 * side_px
+    aligned = align(maps.look_at(image, lens), off[min(off)], 8)
+    assert maps.rms_px(aligned.rays_from_pad, view, lens, [0]) < 0.2
+
+
+def test_hypothesis_comes_with_the_box_it_was_made_from(scene, maps):
+    view = scene.view(4.0, forward_m=0.3, pad_yaw_deg=45)
+    found = hypotheses(maps, scene.draw(view, lawn=False), scene.fisheye)
+    middle = scene.corners_px(view, 0, scene.fisheye).mean(axis=0)
+    assert min(np.linalg.norm(box.mean(axis=0) - middle) for _, box in found) < 1.0
+
+
+@pytest.mark.parametrize("side_px", [3.5, 90])
+def test_landmark_of_another_size_is_left_to_others(scene, maps, side_px):
+    view = scene.view(215.0 * 0.38 / side_px, pad_yaw_deg=20)
+    outer = scene.corners_px(view, 0, scene.fisheye)
+    found = hypotheses(maps, scene.draw(view, lawn=False), scene.fisheye)
+    assert all(np.abs(box - outer).max() > 0.3 * side_px for _, box in found)
+
+
+@pytest.mark.parametrize("polygons", [[], None], ids=["lawn", "nothing"])
+def test_image_without_a_landmark_gives_few_hypotheses_or_none(scene, maps, polygons):
+    flat = np.full((480, 640), 120, np.uint8)
+    image = flat if polygons is None else scene.draw(scene.view(3.0), polygons=polygons)
+    assert len(hypotheses(maps, image, scene.fisheye)) <= 4

@@ -1,0 +1,180 @@
+"""What speaks for the landmark and what against it: the drawing is accepted, what resembles it is refused by name."""
+
+import numpy as np
+import pytest
+
+from app.vision.agreement import check_agreement
+from app.vision.align import align
+from app.vision.candidates import confirm_large, confirm_small
+from app.vision.evidence import check_aligned, check_contours, check_edges, check_sandwiched, heading_is_open
+from app.vision.patch import rectify
+from app.vision.refine import fit_edges
+from app.vision.refusal import Refusal, Rejection
+
+T3, T4, S5 = 2, 3, 4
+REACHES_PX = (3.0, 2.5, 2.2)
+
+
+def turn(quarters):
+    angle = quarters * np.pi / 2
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def at_side(scene, side_px):
+    return scene.view(215.0 * 0.38 / side_px, forward_m=0.05, pad_yaw_deg=35, roll_deg=5)
+
+
+def picture(maps, scene, side_px, quarters=0, **drawn):
+    """An alignment from the true map, turned by quarters."""
+    view = at_side(scene, side_px)
+    return align(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view) @ turn(quarters))
+
+
+def edges(maps, scene, side_px, quarters=0, **drawn):
+    """What the edges say at the true map, turned by quarters."""
+    view = at_side(scene, side_px)
+    start, lens = maps.true(view) @ turn(quarters), maps.lens(scene.fisheye)
+    return fit_edges(scene.draw(view, **drawn), start, maps.geometry, lens, range(5), REACHES_PX).edges
+
+
+def places(maps, scene, side_px, quarters=0, **drawn):
+    """A patch at the true map, turned by quarters."""
+    view = at_side(scene, side_px)
+    return rectify(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view) @ turn(quarters))
+
+
+# ------------------------------------------------------------------------------------------------- small: as a picture
+@pytest.mark.parametrize("side_px", [12, 18, 30, 55])
+def test_picture_of_the_landmark_is_accepted(scene, maps, side_px):
+    refused, correlation = check_aligned(picture(maps, scene, side_px), maps.geometry)
+    assert refused is None, refused
+    assert correlation > 0.95
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("side_px", [18, 30, 55])
+def test_picture_of_the_landmark_turned_is_refused(scene, maps, side_px, quarters):
+    refused, _ = check_aligned(picture(maps, scene, side_px, quarters), maps.geometry)
+    assert refused.test in {Refusal.CORRELATION, Refusal.HEADING}
+    assert "correlation" in refused.text or "turned" in refused.text
+
+
+@pytest.mark.parametrize("side_px", [24, 36, 55])
+def test_picture_with_its_triangles_upside_down_is_refused(scene, maps, changed, side_px):
+    decoy = changed(upside_down=(T3, T4))
+    refused, _ = check_aligned(picture(maps, scene, side_px, polygons=decoy), maps.geometry)
+    assert refused.test in {Refusal.CORRELATION, Refusal.INNER_CORRELATION, Refusal.HEADING}
+
+
+@pytest.mark.parametrize("side_px", [45, 55])
+def test_picture_without_the_innermost_square_is_refused_for_that(scene, maps, changed, side_px):
+    decoy = changed(without=(S5,))
+    refused, _ = check_aligned(picture(maps, scene, side_px, polygons=decoy), maps.geometry)
+    assert refused.test in {Refusal.CORRELATION, Refusal.INNER_CORRELATION}
+
+
+@pytest.mark.parametrize("side_px", [18, 30, 55])
+def test_picture_of_two_squares_is_refused(scene, maps, changed, side_px):
+    decoy = changed(without=(T3, T4, S5))
+    view = at_side(scene, side_px)
+    found = confirm_small(maps.true(view), maps.look_at(scene.draw(view, polygons=decoy), scene.fisheye))
+    assert isinstance(found, Rejection)
+
+
+def test_faint_picture_is_refused_for_its_contrast(scene, maps):
+    zone, *contours = scene.polygons()
+    faint = [(corners, 110.0 + (grey - 110.0) * 0.03) for corners, grey in [zone, *contours]]
+    refused, _ = check_aligned(picture(maps, scene, 40, polygons=faint, noise=0.5), maps.geometry)
+    assert refused.test is Refusal.CONTRAST
+    assert "contrast" in refused.text
+
+
+# --------------------------------------------------------------------------------------------------- large: its edges
+@pytest.mark.parametrize("side_px", [70, 140, 240])
+def test_edges_of_the_landmark_are_accepted(scene, maps, side_px):
+    seen = edges(maps, scene, side_px)
+    tests = [check_edges(seen), *(check(seen, maps.geometry) for check in (check_contours, check_sandwiched))]
+    assert [*tests, heading_is_open(seen, maps.geometry)] == [None] * 4
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_edges_of_the_landmark_turned_leave_its_heading_open(scene, maps, quarters):
+    refused = heading_is_open(edges(maps, scene, 140, quarters), maps.geometry)
+    assert refused.test is Refusal.HEADING
+    assert "heading open" in refused.text
+
+
+@pytest.mark.parametrize(
+    ("drawn", "name"),
+    [({"upside_down": (T3,)}, "T3"), ({"without": (S5,)}, "S5"), ({"without": (T3, T4, S5)}, "T3")],
+    ids=["T3 upside down", "S5 missing", "two squares"],
+)
+@pytest.mark.parametrize("side_px", [140, 240])
+def test_contour_that_is_not_as_drawn_is_named(scene, maps, changed, side_px, drawn, name):
+    refused = check_contours(edges(maps, scene, side_px, polygons=changed(**drawn)), maps.geometry)
+    assert refused.test is Refusal.SIDES
+    assert refused.text.startswith(f"{name} is not as drawn (") or "of its sides are as drawn" in refused.text
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        {"upside_down": (T3,)},
+        {"upside_down": (T4,)},
+        {"upside_down": (T3, T4)},
+        {"without": (S5,)},
+        {"without": (T4, S5)},
+        {"without": (T3, T4, S5)},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("side_px", [70, 100, 200])
+def test_large_decoy_is_refused_from_the_true_map_on(scene, maps, changed, side_px, drawn):
+    view = at_side(scene, side_px)
+    image = scene.draw(view, polygons=changed(**drawn))
+    assert isinstance(
+        confirm_large(maps.true(view), range(5), maps.look_at(image, scene.fisheye), REACHES_PX), Rejection
+    )
+
+
+# --------------------------------------------------------------------------------------------------- place by place
+@pytest.mark.parametrize("side_px", [40, 80, 110])
+def test_places_of_the_landmark_agree(scene, maps, side_px):
+    refused, share = check_agreement(places(maps, scene, side_px), maps.geometry)
+    assert refused is None, refused
+    assert share > 0.8
+
+
+@pytest.mark.parametrize("side_px", [60, 110])
+def test_places_of_the_landmark_under_a_deep_shadow_agree(scene, maps, side_px):
+    shaded = places(maps, scene, side_px, light=lambda p: np.where(p[..., 0] > 0.4 * p[..., 1], 1.0, 0.3))
+    refused, _ = check_agreement(shaded, maps.geometry)
+    assert refused is None, refused
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_places_of_the_landmark_turned_are_refused_for_that(scene, maps, quarters):
+    refused, _ = check_agreement(places(maps, scene, 80, quarters), maps.geometry, least=0.2)
+    assert refused.test in {Refusal.HEADING, Refusal.INNER_CORRELATION}
+    assert "turned by" in refused.text or "inside is as drawn" in refused.text
+
+
+def test_places_that_suit_a_triangle_upside_down_are_refused_by_its_name(scene, maps, changed):
+    decoy = places(maps, scene, 80, polygons=changed(upside_down=(T3,)))
+    refused, _ = check_agreement(decoy, maps.geometry, least=0.2)
+    assert refused.test is Refusal.INNER_CORRELATION
+    assert "T3 upside down" in refused.text or "inside is as drawn" in refused.text
+
+
+def test_places_of_two_squares_are_refused_for_a_heading_that_is_open(scene, maps, changed):
+    decoy = places(maps, scene, 80, polygons=changed(without=(T3, T4, S5)))
+    refused, _ = check_agreement(decoy, maps.geometry, least=0.2)
+    assert refused.test in {Refusal.HEADING, Refusal.INNER_CORRELATION}
+    assert "turned by" in refused.text or "inside is as drawn" in refused.text
+
+
+def test_places_of_the_lawn_are_refused(scene, maps):
+    refused, share = check_agreement(places(maps, scene, 80, polygons=[]), maps.geometry)
+    assert refused is not None
+    assert share < 0.4
