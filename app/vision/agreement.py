@@ -1,9 +1,9 @@
 """Where a patch agrees with the drawing, place by place: what shadows and covers leave of the proof.
 
 In a small window round each cell the grey is compared with the drawing by itself, so the light there may be anything.
-A cell agrees, or it tells nothing (covered, crossed by a shadow's edge). The drawing must agree in most of the places
-where it shows something, and where it differs from a rival (turned, a part upside down or missing) it must agree
-clearly more often than the rival.
+A place agrees, or it doesn't, or it is mute (the light saturates it). The drawing must agree in most of the places where
+it shows something; and of the places where it differs from a rival (turned, a part upside down, missing, larger, of
+another shape) it must agree in a good part, and clearly more often than the rival does.
 """
 
 from __future__ import annotations
@@ -15,88 +15,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry
+from app.vision.geometry import LIKE, PSF_SIGMA_PX, SHOWS, WINDOW, LandmarkGeometry, Rivals
 from app.vision.patch import Patch
 from app.vision.refusal import Refusal, Rejection
 
-WINDOW = 5
-"""Cells."""
-SHOWS = 0.1
-"""Standard deviation of the drawing in a window, black 0 and white 1, from which it tells something."""
-LIKE = 0.65
-"""Squared correlation in a window that counts as agreement."""
 FAINT = 0.25
 """Contrast in a window, as a part of the usual one, that counts."""
+FLAT = 0.08
+"""Standard deviation in a window, as a part of the usual contrast, under which the image shows nothing."""
+MUTE_DN = 250.0
+"""A window whose mean is brighter is saturated."""
 MIN_AGREE = 0.52
 """Part of the places that must agree."""
-MIN_INSIDE = 0.42
-"""The same inside the second contour."""
-UNTOUCHED = 0.95
-"""A shadow or a cover that hides what lies inside reaches over the outer contours too: if these agree by more than
-this, another drawing lies inside."""
-EVEN = 0.8
-"""The outer white is in one light if its darkest tenth is as far above black as this part of its brightest tenth."""
 FEWEST = 12
 ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
+PART = 0.3
+"""And in this part of all the places that would tell the two apart."""
 MIN_CONTRAST_DN = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How one drawing compares.
+    """How the drawing and its rivals compare with a patch.
 
     Attributes:
-        like: (PATCH, PATCH) where it agrees.
-        shows: (PATCH, PATCH) where it tells something and the image is seen.
-        contrast: Usual grey levels from black to white where it agrees.
+        like: (n, PATCH, PATCH) where each agrees; the landmark is the first.
+        tells: (PATCH, PATCH) where the image is seen and not saturated.
+        contrast: Usual grey levels from black to white where the landmark agrees.
     """
 
     like: NDArray[np.bool_]
-    shows: NDArray[np.bool_]
+    tells: NDArray[np.bool_]
     contrast: float
-
-    def share(self, where: NDArray[np.bool_]) -> float:
-        """Part of the places there that agree."""
-        return float((self.like & where).sum()) / max(1, int(where.sum()))
 
 
 def _mean(values: Array) -> Array:
     return np.asarray(cv2.blur(values.astype(np.float32), (WINDOW, WINDOW)), dtype=np.float64)
 
 
-class _Grey:
-    """What is worked out once from a patch."""
+def compare(patch: Patch, rivals: Rivals, seen: NDArray[np.bool_]) -> Agreement:
+    """Compare a patch with the landmark and its rivals at the patch's own blur.
 
-    def __init__(self, patch: Patch) -> None:
-        self.grey = patch.grey
-        self.mean = _mean(patch.grey)
-        self.variance = np.maximum(_mean(patch.grey * patch.grey) - self.mean**2, 4.0)
-
-
-def compare(grey: _Grey, white: Array, seen: NDArray[np.bool_]) -> Agreement:
-    """Compare a patch with a drawing (PATCH, PATCH) of how white each cell is."""
-    mean = _mean(white)
-    variance = _mean(white * white) - mean**2
-    both = _mean(white * grey.grey) - mean * grey.mean
-    shows = seen & (variance > SHOWS * SHOWS)
-    safe = np.maximum(variance, 1e-6)
-    contrast = both / safe
-    like = shows & (both > 0) & (both * both >= LIKE * safe * grey.variance)
-    usual = float(np.median(contrast[like])) if like.any() else 0.0
-    like &= contrast >= max(FAINT * usual, MIN_CONTRAST_DN * 0.5)
-    return Agreement(like, shows, usual)
-
-
-def _is_unevenly_lit(patch: Patch, white: Array, seen: NDArray[np.bool_], geometry: LandmarkGeometry) -> bool:
-    """Whether the print's outer white is darker in some places than in others."""
-    rim = seen & geometry.rim
-    bright, dark = patch.grey[rim & (white > 0.9)], patch.grey[rim & (white < 0.1)]
-    if min(len(bright), len(dark)) < FEWEST:
-        return True
-    black = float(np.median(dark))
-    low, high = (float(v) for v in np.percentile(bright, (10, 90)))
-    return low - black < EVEN * (high - black)
+    Args:
+        patch: At the map in question.
+        rivals: Of the landmark, at that blur.
+        seen: (PATCH, PATCH) cells to look at.
+    """
+    mean = _mean(patch.grey)
+    variance = np.maximum(_mean(patch.grey * patch.grey) - mean * mean, 4.0)
+    windows = rivals.windows
+    both = np.stack([_mean(white * patch.grey) for white in windows.white]) - windows.mean * mean
+    contrast = both / windows.safe
+    like = windows.shows & (both > 0) & (both * both >= LIKE * windows.safe * variance)
+    usual = float(np.median(contrast[0][like[0] & seen])) if (like[0] & seen).any() else 0.0
+    like &= contrast >= max(FAINT * usual, 0.5 * MIN_CONTRAST_DN)
+    # What is drawn flat is right where the image is.
+    like |= ~windows.shows & (variance < (FLAT * usual) ** 2)
+    return Agreement(like, seen & (mean < MUTE_DN), usual)
 
 
 def check_agreement(
@@ -109,40 +85,29 @@ def check_agreement(
         geometry: Of the landmark.
         least: Part of the places that must agree.
     """
-    sigma = PSF_SIGMA_PX / patch.cell_px
-    seen = geometry.judged if patch.whole else geometry.judged & patch.seen
-    grey = _Grey(patch)
-    template = geometry.template(sigma)
-    mine = compare(grey, template.white, seen)
-    share = mine.share(mine.shows)
-    if mine.contrast < MIN_CONTRAST_DN:
-        text = f"contrast {mine.contrast:.0f} grey levels, under {MIN_CONTRAST_DN:.0f}"
+    rivals = geometry.rivals(PSF_SIGMA_PX / patch.cell_px)
+    found = compare(patch, rivals, geometry.judged if patch.whole else geometry.judged & patch.seen)
+    shown = found.tells & rivals.windows.shows[0]
+    count, agree = int(shown.sum()), int((found.like[0] & shown).sum())
+    share = agree / max(1, count)
+    if found.contrast < MIN_CONTRAST_DN:
+        text = f"contrast {found.contrast:.0f} grey levels, under {MIN_CONTRAST_DN:.0f}"
         return Rejection(Refusal.CONTRAST, text), share
-    if share < least or int(mine.shows.sum()) < 4 * FEWEST:
+    if share < least or count < 4 * FEWEST:
         text = f"{share * 100:.0f}% of its places are as drawn, under {least * 100:.0f}%"
         return Rejection(Refusal.CORRELATION, text), share
-    within = geometry.inside(min(1, len(geometry.landmark.contours) - 1))
-    inside = mine.shows & within
-    touched = mine.share(mine.shows & ~within) < UNTOUCHED or _is_unevenly_lit(patch, template.white, seen, geometry)
-    if not touched and mine.share(inside) < UNTOUCHED:
-        text = f"inside {mine.share(inside) * 100:.0f}% is as drawn, though nothing covers or shades what is round it"
-        return Rejection(Refusal.INNER_CORRELATION, text), share
-    if inside.any() and mine.share(inside) < MIN_INSIDE:
-        text = f"{mine.share(inside) * 100:.0f}% of what lies inside is as drawn, under {MIN_INSIDE * 100:.0f}%"
-        return Rejection(Refusal.INNER_CORRELATION, text), share
-    rivals = geometry.rivals(sigma)
-    for name, must_differ, coarse, rival in zip(
-        rivals.names, rivals.must_differ, rivals.coarse, rivals.templates, strict=True
-    ):
-        if not coarse:
-            continue
-        theirs = compare(grey, rival.white, seen)
-        ours, others = int((mine.like & ~theirs.like).sum()), int((theirs.like & ~mine.like).sum())
-        if ours + others < FEWEST and not must_differ:
-            continue
-        if ours < max(FEWEST, ODDS * others):
-            text = (
-                f"could as well be the landmark {name}: {ours} places agree with the one alone, {others} with the other"
-            )
-            return Rejection(Refusal.HEADING if must_differ else Refusal.INNER_CORRELATION, text), share
+    where = rivals.windows.differs & found.tells
+    ours = (found.like[0] & ~found.like & where).sum(axis=(1, 2))
+    theirs = (~found.like[0] & found.like & where).sum(axis=(1, 2))
+    would = where.sum(axis=(1, 2))
+    wrong = ours < np.maximum(ODDS * theirs, np.where(rivals.must_differ, np.maximum(FEWEST, PART * would), PART * would))
+    wrong &= (would >= FEWEST) | rivals.must_differ
+    wrong[0] = False
+    if wrong.any():
+        k = int(np.flatnonzero(wrong)[0])
+        text = (
+            f"could as well be the landmark {rivals.names[k]}: of {would[k]} places that would tell "
+            f"{ours[k]} agree with the one alone, {theirs[k]} with the other"
+        )
+        return Rejection(Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION, text), share
     return None, share

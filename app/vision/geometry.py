@@ -26,13 +26,18 @@ NODES = 9
 is wrong by less than a hundredth of a pixel."""
 PATCH_EXTENT = 1.3
 """Its side, in sides of the outermost contour: the quiet zone shows, and a little of what lies round it."""
-RIM_PART = 0.85
 JUDGED_EXTENT = 1.12
 """The middle part of it that is correlated: what lies beyond may be anything."""
 SURROUND = 8.0
 """What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
+WINDOW = 5
+"""Cells along the window in which a place is compared."""
+SHOWS = 0.1
+"""Standard deviation of a drawing in a window, black 0 and white 1, from which it tells something."""
+LIKE = 0.65
+"""Squared correlation in a window that counts as agreement."""
 PSF_SIGMA_PX = 0.75
 """Blur of a sharp lens and of the pixel's own area."""
 BLUR_SIGMA_PX2 = 1.5
@@ -130,6 +135,33 @@ class Template:
         return self._slopes
 
 
+class Windows:
+    """Drawings in a small window round each cell.
+
+    Attributes:
+        white: (n, PATCH, PATCH) how white each cell is.
+        mean: (n, PATCH, PATCH) in the windows.
+        safe: (n, PATCH, PATCH) variance in the windows, never 0.
+        shows: (n, PATCH, PATCH) where a drawing tells something.
+        differs: (n, PATCH, PATCH) where the first one and each would not be taken for each other.
+    """
+
+    def __init__(self, white: Array) -> None:
+        def mean(values: Array) -> Array:
+            return np.stack([cv2.blur(v, (WINDOW, WINDOW)) for v in values])
+
+        self.white = white
+        self.mean = mean(white)
+        variance = mean(white * white) - self.mean**2
+        self.safe: Array = np.maximum(variance, 1e-6)
+        self.shows: NDArray[np.bool_] = variance > SHOWS * SHOWS
+        both = mean(white * white[0]) - self.mean * self.mean[0]
+        alike = (both > 0) & (both * both >= LIKE * self.safe * self.safe[0])
+        self.differs: NDArray[np.bool_] = np.where(
+            self.shows & self.shows[0], ~alike, self.shows != self.shows[0]
+        )
+
+
 class Rivals:
     """Other drawings that the landmark must not be taken for, at one blur.
 
@@ -137,17 +169,17 @@ class Rivals:
         names: What they are, for people.
         must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
         templates: As seen; the first one is the landmark itself.
-        coarse: (n,) whether it differs as a whole: turned, or its first contour that shows a turn missing or upside
-            down.
     """
 
-    def __init__(
-        self, names: list[str], must_differ: list[bool], coarse: list[bool], templates: list[Template]
-    ) -> None:
+    def __init__(self, names: list[str], must_differ: list[bool], templates: list[Template]) -> None:
         self.names = names
         self.must_differ = np.array(must_differ)
         self.templates = templates
-        self.coarse = coarse
+
+    @cached_property
+    def windows(self) -> Windows:
+        """What each shows place by place."""
+        return Windows(np.stack([t.white for t in self.templates]))
 
     @cached_property
     def _appearances(self) -> Array:
@@ -398,21 +430,18 @@ class LandmarkGeometry:
         key = self._blur_key(sigma_cells)
         if key not in self._rivals:
             own = self.template(sigma_cells)
-            names, differ, coarse, templates = ["as drawn"], [False], [False], [own]
-            tells = next((c.name for c, t in zip(self.landmark.contours, self.turns_visibly, strict=True) if t), "")
+            names, differ, templates = ["as drawn"], [False], [own]
             for quarters in (1, 2, 3):
                 names.append(f"turned by {90 * quarters} degrees")
                 differ.append(self.landmark.contours[0].shape is Shape.SQUARE)
                 turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
                 templates.append(Template(turned, own.sigma_cells))
-                coarse.append(True)
             for variant, (name, _) in enumerate(self._drawings):
                 if variant > 0:
                     names.append(name)
                     differ.append(False)
-                    coarse.append(name in (f"without {tells}", f"with {tells} upside down"))
                     templates.append(self.template(sigma_cells, variant))
-            self._rivals[key] = Rivals(names, differ, coarse, templates)
+            self._rivals[key] = Rivals(names, differ, templates)
         return self._rivals[key]
 
     @cached_property
@@ -460,14 +489,6 @@ class LandmarkGeometry:
         half = 0.5 * min(JUDGED_EXTENT * self.landmark.size_m, self.landmark.quiet_zone_m)
         near = np.abs(self.patch_points).max(axis=1) < half
         return np.asarray(near, dtype=np.bool_).reshape(PATCH, PATCH)
-
-    @cached_property
-    def rim(self) -> NDArray[np.bool_]:
-        """(PATCH, PATCH) judged cells well away from what lies inside the second contour."""
-        second = self.landmark.contours[min(1, len(self.landmark.contours) - 1)]
-        shrunk = second.centroid_m + RIM_PART * (second.corners_m - second.centroid_m)
-        away = gaps_to_points(shrunk, self.patch_points) < 0
-        return self.judged & away.reshape(PATCH, PATCH)
 
     def cells(self, inside_of: int | None) -> NDArray[np.intp]:
         """Flat indices of the cells that are judged: all of them, or those inside a contour."""
