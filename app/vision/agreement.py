@@ -1,9 +1,9 @@
 """Where a patch agrees with the drawing, place by place: what shadows and covers leave of the proof.
 
 In a small window round each cell the grey is compared with the drawing by itself, so the light there may be anything.
-A place agrees, or it doesn't, or it is mute (the light saturates it). The drawing must agree in most of the places where
-it shows something; and of the places where it differs from a rival (turned, a part upside down, missing, larger, of
-another shape) it must agree in a good part, and clearly more often than the rival does.
+A place agrees, or it doesn't, or it is mute (the light saturates it). The drawing must agree in most of the places
+where it shows something; and of the places where it differs from a rival (turned, a part upside down, missing, larger,
+of another shape) it must agree in a good part, and clearly more often than the rival does.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import LIKE, PSF_SIGMA_PX, SHOWS, WINDOW, LandmarkGeometry, Rivals
+from app.vision.geometry import LIKE, PSF_SIGMA_PX, WINDOW, LandmarkGeometry, Rivals
 from app.vision.patch import Patch
 from app.vision.refusal import Refusal, Rejection
 
@@ -30,7 +30,7 @@ MIN_AGREE = 0.52
 FEWEST = 12
 ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
-PART = 0.3
+PART = 0.2
 """And in this part of all the places that would tell the two apart."""
 MIN_CONTRAST_DN = 10.0
 
@@ -100,8 +100,8 @@ def check_agreement(
     ours = (found.like[0] & ~found.like & where).sum(axis=(1, 2))
     theirs = (~found.like[0] & found.like & where).sum(axis=(1, 2))
     would = where.sum(axis=(1, 2))
-    wrong = ours < np.maximum(ODDS * theirs, np.where(rivals.must_differ, np.maximum(FEWEST, PART * would), PART * would))
-    wrong &= (would >= FEWEST) | rivals.must_differ
+    least_of = np.maximum(ODDS * theirs, np.maximum(PART * would, np.where(rivals.must_differ, FEWEST, 0)))
+    wrong = (ours < least_of) & ((would >= FEWEST) | rivals.must_differ)
     wrong[0] = False
     if wrong.any():
         k = int(np.flatnonzero(wrong)[0])

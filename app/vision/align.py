@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.frames import Array
 from app.vision.geometry import (
@@ -53,6 +54,7 @@ class Alignment:
         scatter_dn: Root mean square difference of patch and model on the landmark, grey levels.
         correlation: Of patch and model there.
         level: Grey half way from black to white.
+        grey: (cells,) of the patch; where it is saturated and the model brighter, what the model says.
     """
 
     rays_from_pad: Array
@@ -63,6 +65,7 @@ class Alignment:
     scatter_dn: float
     correlation: float
     level: float
+    grey: Array
 
 
 def _priors(contrast: float, cell_px: float) -> Array:
@@ -107,11 +110,13 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
     noise = 3.0
     levels = np.zeros(LEVELS)
     normal = np.zeros((8 + LEVELS, 8 + LEVELS))
+    model: Array | None = None
     for step in range(steps + 1):
-        if patch.whole:
+        counts = _counts(patch, model)
+        if counts is None:
             weighted, gram = template.weighted_design, template.gram
         else:
-            weighted = template.weighted_design * patch.seen.ravel()
+            weighted = template.weighted_design * counts
             gram = weighted @ template.design.T
         side = weighted @ patch.grey.ravel()
         if step == 0:
@@ -127,7 +132,8 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
         # The weight of a prior counts the cells that make one pixel.
         prior = noise * _priors(levels[0] if step else 60.0, patch.cell_px) / min(1.0, patch.cell_px)
         size = len(held)
-        held.flat[(size - LEVELS) * (size + 1) :: size + 1] += prior * prior
+        # A drawing whose quiet zone fills the patch shows nothing outside.
+        held.flat[(size - LEVELS) * (size + 1) :: size + 1] += prior * prior + 1e-6 * patch.grey.size
         try:
             solution = np.asarray(np.linalg.solve(held, side), dtype=np.float64)
         except np.linalg.LinAlgError:
@@ -135,6 +141,8 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
         levels = solution[-LEVELS:]
         if levels[0] < 1.0:
             return None
+        if patch.clipped is not None:
+            model = template.appearance @ levels
         if step == 0:
             continue
         d = solution[:8]
@@ -151,6 +159,20 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
     return _finished(matrix, patch, model, levels, normal, geometry)
 
 
+def _counts(patch: Patch, model: Array | None) -> Array | None:
+    """(cells,) 1 where a cell counts, 0 where it lies outside the image or is saturated and the model as bright; None
+    where all count.
+    """
+    if patch.clipped is None or model is None:
+        return None if patch.whole else patch.seen.ravel().astype(np.float64)
+    return np.asarray(patch.seen.ravel() & ~(patch.clipped & (model >= patch.grey.ravel())), dtype=np.float64)
+
+
+def uncensored(grey: Array, clipped: NDArray[np.bool_] | None, model: Array) -> Array:
+    """Grey levels, or the model's where those are saturated and it is brighter."""
+    return grey if clipped is None else np.where(clipped, np.maximum(grey, model), grey)
+
+
 def _pad_warp(d: Array, unit_m: float) -> Array:
     return warped(np.eye(3), d, unit_m)
 
@@ -163,7 +185,8 @@ def _finished(
     cells = geometry.cells(None)
     if not patch.whole:
         cells = cells[patch.seen.ravel()[cells]]
-    grey = patch.grey.ravel()[cells]
+    whole = uncensored(patch.grey.ravel(), patch.clipped, model)
+    grey = whole[cells]
     off = grey - model[cells]
     left = float(off @ off)
     scatter = math.sqrt(left / max(1, len(cells) - 12))
@@ -179,4 +202,6 @@ def _finished(
     scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
     information = information * scale * scale[:, None]
     level = float(levels[_ONE - 8]) + 0.5 * contrast
-    return Alignment(matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level)
+    return Alignment(
+        matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level, whole
+    )

@@ -18,20 +18,16 @@ from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
     MIN_CONTRAST,
-    Explained,
-    check_aligned,
     check_contours,
     check_edges,
-    check_inverted,
-    check_likeness,
     check_rectified,
     check_sandwiched,
-    explain,
     heading_is_open,
 )
 from app.vision.fit import fit_run, project_pad
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry
-from app.vision.patch import Patch, View, rectify, side_px
+from app.vision.geometry import LandmarkGeometry
+from app.vision.patch import Patch, View, near_view, rectify, side_px
+from app.vision.picture import Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.table import Alignment as Reading
@@ -56,8 +52,8 @@ MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 MIN_AGREE_INSIDE = 0.45
-MIN_AGREE_WHOLE = 0.65
-"""Part of the places inside the second contour that must agree; more where no edge is covered."""
+"""Part of the places inside the second contour that must agree."""
+NEAR_MIN_PX = 24.0
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
 IN_PLACES_MAX_PX = 110.0
@@ -178,39 +174,42 @@ def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Reject
         return _found(fit, score, view)
     patch = rectify(view, fit.rays_from_pad)
     refused = open_yet or check_inverted(patch, geometry) or check_likeness(patch, geometry)
-    least = MIN_AGREE_INSIDE
-    if refused is None:
-        refused = _check_inside(fit, view)
-        least = MIN_AGREE_WHOLE
+    inside = _prove_inside(fit, view)
+    if inside is not None and inside.rejection is not None and inside.mimic:
+        return inside.rejection
     if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
         refused, score = check_agreement(patch, geometry)
-        if refused is None and side_px(patch) >= SMALL_PX and len(geometry.landmark.contours) > 2:
-            # Once more from nearer, where the heading and the innermost contours are.
-            inner = geometry.inner(2)
-            near = rectify(View(view.image, view.origin, inner, view.lens), fit.rays_from_pad)
-            refused, _ = check_agreement(near, inner, least)
+        unproven = len(geometry.landmark.contours) > 2 and side_px(patch) >= NEAR_MIN_PX
+    else:
+        unproven = inside is not None and inside.rejection is not None
+    if refused is None and unproven:
+        # Once more from nearer, where the heading and the innermost contours are.
+        near, matrix = near_view(view, fit.rays_from_pad, 2)
+        refused, _ = check_agreement(rectify(near, matrix), near.geometry, MIN_AGREE_INSIDE)
     return _found(fit, score, view) if refused is None else refused
 
 
-def _check_inside(fit: EdgeFit, view: View) -> Rejection | None:
-    """Whether the picture inside is as drawn where contours are too narrow for their edges to be measured."""
+def _prove_inside(fit: EdgeFit, view: View) -> Proof | None:
+    """What the picture inside says, where all of it lies in the image; None where there is nothing to say.
+
+    Inside the innermost contours that edges show, or of the last one where they show all.
+    """
     geometry, edges = view.geometry, fit.edges
     points = geometry.points_of
-    unresolved = np.flatnonzero(edges.in_view < RESOLVED * points)
     deepest = len(points) - 1
-    if not len(unresolved) or unresolved[-1] < deepest or deepest < 2:
+    if deepest < 2:
         return None
     seen = np.flatnonzero(edges.confirmed[2::2] >= 0.5 * points[2::2])
-    first = 2 + 2 * int(seen[-1]) if len(seen) else 2
-    inner = geometry.inner(first)
-    px, valid = project_pad(fit.rays_from_pad, inner.corners[inner.slices[0]], view.lens)
+    first = min(2 + 2 * int(seen[-1]) if len(seen) else 2, deepest - deepest % 2)
+    px, valid = project_pad(fit.rays_from_pad, geometry.corners[geometry.slices[first]], view.lens)
     height, width = view.image.shape
     if not valid.all() or (px < view.origin).any() or (px > np.array([width - 1, height - 1]) + view.origin).any():
         return None
-    aligned = align(View(view.image, view.origin, inner, view.lens), fit.rays_from_pad, 2)
+    near, matrix = near_view(view, fit.rays_from_pad, first)
+    aligned = align(near, matrix, 2)
     if aligned is None:
-        return Rejection(Refusal.INNER_CORRELATION, "the picture inside doesn't hold the drawing")
-    return check_aligned(aligned, inner)[0]
+        return Proof(Rejection(Refusal.INNER_CORRELATION, "the picture inside doesn't hold the drawing"), 0.0)
+    return check_picture(aligned.patch, near.geometry)
 
 
 def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
@@ -271,9 +270,10 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
     score = aligned.correlation
     if not (again and score > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
-        refused, score = check_aligned(aligned, geometry)
-        if refused is not None:
-            return refused
+        proof = check_picture(patch, geometry)
+        score = proof.correlation
+        if proof.rejection is not None:
+            return proof.rejection
     count = len(geometry.landmark.contours)
     resolved = 2
     while resolved < count and geometry.outer_gap_m[resolved] * size_px / geometry.size_m >= MIN_GAP_SEEN_PX:
@@ -302,8 +302,7 @@ def _by_picture(maps: list[Array], view: View) -> list[tuple[Array, Patch, Expla
         cells = cells if patch.whole else cells[patch.seen.ravel()[cells]]
         if len(cells) < 12:
             continue
-        template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
-        found.append((matrix, patch, explain(patch.grey.ravel()[cells], template, cells)))
+        found.append((matrix, patch, explain_patch(patch, geometry, cells)))
     found.sort(key=lambda f: -f[2].correlation)
     return found
 

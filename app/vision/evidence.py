@@ -1,25 +1,18 @@
-"""What speaks for a map of the pad's plane and what against it. Each test returns its refusal or None.
+"""What corners and edges say for a map of the pad's plane and against it. Each test returns its refusal or None.
 
-Three kinds of evidence: the corners of the contours that led to the map (area ratios, concentricity, shape); the edges
-of the whole drawing, point by point, which neither shadows nor a partial cover take away; and the picture inside, where
-the drawing must explain the grey better than the drawing turned, or with a part of it upside down or missing.
+The corners of the contours that led to the map: area ratios, concentricity, shape. The edges of the whole drawing,
+point by point, which neither shadows nor a partial cover take away. What the picture says is in picture and agreement.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from app.frames import Array
-from app.vision.align import Alignment
 from app.vision.fit import Fit, apply
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Template
-from app.vision.patch import Patch, side_px
+from app.vision.geometry import LandmarkGeometry
 from app.vision.refine import Edges
 from app.vision.refusal import Refusal, Rejection
 
@@ -31,8 +24,6 @@ AREA_SLACK = 1.22
 """Area ratios may differ by this factor beside what CORNER_ERROR_PX does."""
 MIN_CONTRAST = 12.0
 """Grey levels between the landmark's black and its white."""
-MAX_CONTRAST = 300.0
-"""A blurred landmark's black and white, worked out from its greys, may lie somewhat beyond 0 and 255."""
 FEWEST_POINTS = 24
 """Edge points that must be confirmed at all."""
 MIN_SHARE = 0.6
@@ -53,23 +44,6 @@ ABSENT = 0.2
 SANDWICHED = 0.65
 """Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one. And none
 is absent where all others together are whole."""
-INVERTED = 0.014
-"""Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
-the other; a triangle upside down is both, by 4% each."""
-LIKE_MIN = 0.5
-WHOLE_MIN = 0.945
-FEW_MIN, FEWEST_PX, FEW_PX = 0.98, 12.0, 24.0
-"""Correlation of a small landmark's patch with the drawing as this light and lens show it; and of one of
-FEWEST_PX or less, rising from FEW_PX on."""
-STRUCTURE_MAX = 0.065
-"""What noise, blur and light don't explain, as a part of the contrast: rendered landmarks leave 0.01 to 0.05, those
-with another ratio, or shifted or turned triangles 0.065 and more."""
-AVERAGED_PX = 2.0
-RIVAL_MARGIN = 0.15
-"""Part of the difference that the drawing leads one to expect between itself and a rival."""
-MIN_CELLS = 24
-FLAT_PART = 0.03
-"""What differs by less than this part of the contrast, root mean square, can't be told."""
 
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
@@ -180,129 +154,3 @@ def heading_is_open(edges: Edges, geometry: LandmarkGeometry) -> Rejection | Non
         text = f"heading open: {confirmed} of {seen} points that would tell are as drawn"
         return Rejection(Refusal.HEADING, text)
     return None
-
-
-def check_likeness(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
-    """Whether a large landmark's patch resembles the drawing at all, shadows and covers allowed."""
-    cells = _seen(patch, geometry.cells(None))
-    if len(cells) < MIN_CELLS:
-        return None
-    found = explain(patch.grey.ravel()[cells], geometry.template(PSF_SIGMA_PX / patch.cell_px), cells)
-    if found.correlation < LIKE_MIN:
-        text = f"correlation with the drawn landmark {found.correlation:.2f}, under {LIKE_MIN:.2f}"
-        return Rejection(Refusal.CORRELATION, text)
-    return None
-
-
-def check_inverted(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
-    """Whether black stands for white in one place and white for black in another."""
-    template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
-    cells = _seen(patch, geometry.cells(None))
-    white, grey = template.white.ravel()[cells], patch.grey.ravel()[cells]
-    black_cells, white_cells = white < 0.1, white > 0.9
-    if not (black_cells.any() and white_cells.any()):
-        return None
-    low, high = float(np.median(grey[black_cells])), float(np.median(grey[white_cells]))
-    if high - low < MIN_CONTRAST:
-        return Rejection(Refusal.CONTRAST, f"contrast {high - low:.0f} grey levels, under {MIN_CONTRAST:.0f}")
-    area = len(geometry.cells(None)) * geometry.square_part
-    too_white = float((grey[black_cells] > high - 0.3 * (high - low)).sum()) / area
-    too_black = float((grey[white_cells] < low + 0.3 * (high - low)).sum()) / area
-    if min(too_white, too_black) > INVERTED:
-        text = f"{too_white * 100:.1f}% is white for black and {too_black * 100:.1f}% black for white"
-        return Rejection(Refusal.CORRELATION, text)
-    return None
-
-
-# ---------------------------------------------------------------------------------------------------------- picture
-@dataclass(frozen=True, slots=True)
-class Explained:
-    """How a drawing explains cells of a patch, with the light, blur and tone that suit it best.
-
-    Attributes:
-        correlation: Of the cells with what the drawing makes of them; 0 if black and white are the wrong way round.
-        left: Sum of squares that is left.
-        contrast: Grey levels from black to white.
-        model: (cells,) what it makes of them.
-    """
-
-    correlation: float
-    left: float
-    contrast: float
-    model: Array
-
-
-def _seen(patch: Patch, cells: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Those of the cells that lie in the image."""
-    return cells if patch.whole else cells[patch.seen.ravel()[cells]]
-
-
-def explain(grey: Array, template: Template, cells: NDArray[np.intp]) -> Explained:
-    """Fit a drawing's appearance to the grey (n,) of some cells."""
-    terms = template.appearance[cells]
-    normal = terms.T @ terms
-    normal.flat[:: len(normal) + 1] += 1e-6 * len(cells) + template.hold
-    solution = np.linalg.solve(normal, terms.T @ grey)
-    model = terms @ solution
-    off = grey - model
-    left = float(off @ off)
-    total = float(grey @ grey) - len(grey) * float(grey.mean()) ** 2
-    contrast = float(solution[0])
-    correlation = math.sqrt(max(0.0, 1.0 - left / total)) if total > 1e-6 and contrast > 0 else 0.0
-    return Explained(correlation, left, contrast, model)
-
-
-def check_aligned(aligned: Alignment, geometry: LandmarkGeometry) -> tuple[Rejection | None, float]:
-    """Whether the drawing explains an aligned patch, and no rival does as well; and its correlation with the patch."""
-    patch = aligned.patch
-    sigma = PSF_SIGMA_PX / patch.cell_px
-    cells = _seen(patch, geometry.cells(None))
-    if len(cells) < MIN_CELLS:
-        return Rejection(Refusal.TOO_SMALL, "too little of it lies in the image"), 0.0
-    grey = patch.grey.ravel()[cells]
-    best = explain(grey, geometry.template(sigma), cells)
-    if best.contrast < MIN_CONTRAST:
-        text = f"contrast {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
-        return Rejection(Refusal.CONTRAST, text), best.correlation
-    if best.contrast > MAX_CONTRAST:
-        text = f"contrast {best.contrast:.0f} grey levels, over {MAX_CONTRAST:.0f}: no print is whiter than white"
-        return Rejection(Refusal.CONTRAST, text), best.correlation
-    # Few pixels are easily explained.
-    few = (FEW_PX - side_px(patch)) / (FEW_PX - FEWEST_PX)
-    least = WHOLE_MIN + (FEW_MIN - WHOLE_MIN) * min(1.0, max(0.0, few))
-    if best.correlation < least:
-        text = f"correlation with the drawn landmark {best.correlation:.3f}, under {least:.3f}"
-        return Rejection(Refusal.CORRELATION, text), best.correlation
-    structure = _structure(patch, cells, grey - best.model) / best.contrast
-    if structure > STRUCTURE_MAX:
-        text = (
-            f"what differs from the drawing is {structure * 100:.1f}% of the contrast, over {STRUCTURE_MAX * 100:.1f}%"
-        )
-        return Rejection(Refusal.CORRELATION, text), best.correlation
-    rivals = geometry.rivals(sigma)
-    expected, found = rivals.left(np.column_stack([best.model, grey]), cells).T
-    expected, found = expected - expected[0], found - found[0]
-    same = expected < len(cells) * (FLAT_PART * best.contrast) ** 2
-    # A rival that can't be told from the landmark says nothing, but for the landmark turned.
-    wrong = np.where(same, rivals.must_differ, found < RIVAL_MARGIN * expected)
-    wrong[0] = False
-    if wrong.any():
-        k = int(np.flatnonzero(wrong)[0])
-        text = (
-            f"could as well be the landmark {rivals.names[k]}: "
-            f"{found[k] / max(expected[k], 1e-9) * 100:.0f}% of the difference to expect"
-        )
-        refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
-        return Rejection(refusal, text), best.correlation
-    return None, best.correlation
-
-
-def _structure(patch: Patch, cells: NDArray[np.intp], off: Array) -> float:
-    """Root mean square, in grey levels, of what differs, averaged over some pixels: noise averages out, another drawing
-    doesn't.
-    """
-    spread = np.zeros(patch.grey.size)
-    spread[cells] = off
-    window = max(3, round(AVERAGED_PX / patch.cell_px) | 1)
-    smooth = cv2.blur(spread.reshape(patch.grey.shape), (window, window)).ravel()[cells]
-    return math.sqrt(float(smooth @ smooth) / len(cells))

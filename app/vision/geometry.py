@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, cached_property
 
 import cv2
@@ -157,9 +158,7 @@ class Windows:
         self.shows: NDArray[np.bool_] = variance > SHOWS * SHOWS
         both = mean(white * white[0]) - self.mean * self.mean[0]
         alike = (both > 0) & (both * both >= LIKE * self.safe * self.safe[0])
-        self.differs: NDArray[np.bool_] = np.where(
-            self.shows & self.shows[0], ~alike, self.shows != self.shows[0]
-        )
+        self.differs: NDArray[np.bool_] = np.where(self.shows & self.shows[0], ~alike, self.shows != self.shows[0])
 
 
 class Rivals:
@@ -339,14 +338,20 @@ class LandmarkGeometry:
         lengths = [c.side_m * c.shape.corners for c in self.landmark.contours]
         return tuple(a / b for a, b in itertools.pairwise(lengths))
 
+    def inner_centre_m(self, first: int) -> Array:
+        """(2,) forward, right: where `inner` has its origin, the middle of the contour's bounding box."""
+        corners = self.landmark.contours[first].corners_m
+        return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)), dtype=np.float64)
+
     @cache  # noqa: B019  # a geometry lives as long as its detector
     def inner(self, first: int) -> LandmarkGeometry:
-        """The drawing from a black contour on, on the white that is round it."""
+        """The drawing from a black contour on, with its origin in the middle of it, on the white that is round it."""
         contours = self.landmark.contours
-        white = contours[first - 1]
-        return LandmarkGeometry(
-            Landmark(f"{self.landmark.name} from {contours[first].name}", contours[first:], white.side_m)
-        )
+        white, centre = contours[first - 1], self.inner_centre_m(first)
+        shifted = tuple(replace(c, corners_m=c.corners_m - centre) for c in contours[first:])
+        room = contours[first].side_m + 2.0 * float(self.outer_gap_m[first])
+        zone = min(room, white.side_m) if white.shape is Shape.TRIANGLE else white.side_m
+        return LandmarkGeometry(Landmark(f"{self.landmark.name} from {contours[first].name}", shifted, zone))
 
     @cached_property
     def points_of(self) -> NDArray[np.intp]:
@@ -431,9 +436,10 @@ class LandmarkGeometry:
         if key not in self._rivals:
             own = self.template(sigma_cells)
             names, differ, templates = ["as drawn"], [False], [own]
+            turns = self.landmark.contours[0].shape is Shape.SQUARE and bool(self.turns_visibly.any())
             for quarters in (1, 2, 3):
                 names.append(f"turned by {90 * quarters} degrees")
-                differ.append(self.landmark.contours[0].shape is Shape.SQUARE)
+                differ.append(turns)
                 turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
                 templates.append(Template(turned, own.sigma_cells))
             for variant, (name, _) in enumerate(self._drawings):

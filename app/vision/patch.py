@@ -6,7 +6,7 @@ It owns the sampling; what the patch says is judged in evidence and used in alig
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,9 @@ from app.vision.fit import project_pad
 from app.vision.geometry import NODES, PATCH, PATCH_EXTENT, LandmarkGeometry
 
 FAR_OUT_PX = -1e4
+SATURATED_DN = 254
+"""Grey level from which a pixel may stand for any brightness."""
+ROUNDING_DN = 5
 _ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
 
 
@@ -39,6 +42,13 @@ class View:
     lens: Lens
 
 
+def near_view(view: View, rays_from_pad: Array, first: int) -> tuple[View, Array]:
+    """A view of the drawing from a black contour on, and its map (3, 3)."""
+    matrix = rays_from_pad.copy()
+    matrix[:, 2] += rays_from_pad[:, :2] @ view.geometry.inner_centre_m(first)
+    return replace(view, geometry=view.geometry.inner(first)), matrix
+
+
 @dataclass(frozen=True, slots=True)
 class Patch:
     """The rectified landmark.
@@ -48,17 +58,21 @@ class Patch:
         seen: (PATCH, PATCH) whether the cell lies in the image.
         whole: Whether all of it does.
         cell_px: Width of a cell in the image, about.
+        clipped: (cells,) whether a saturated pixel has a part in the cell: what is there is at least as bright; None
+            where there is none.
     """
 
     grey: Array
     seen: NDArray[np.bool_]
     whole: bool
     cell_px: float
+    clipped: NDArray[np.bool_] | None = None
 
     def turned(self, quarters: int) -> Patch:
         """The patch as a map sees it that is turned by so many quarter turns clockwise."""
         seen = self.seen if self.whole else np.rot90(self.seen, quarters)
-        return Patch(np.rot90(self.grey, quarters), seen, self.whole, self.cell_px)
+        clipped = None if self.clipped is None else np.rot90(self.clipped.reshape(self.grey.shape), quarters).ravel()
+        return Patch(np.rot90(self.grey, quarters), seen, self.whole, self.cell_px, clipped)
 
 
 def rectify(view: View, rays_from_pad: Array) -> Patch:
@@ -77,15 +91,27 @@ def rectify(view: View, rays_from_pad: Array) -> Patch:
     height, width = view.image.shape
     whole = bool(low_u >= 0 and low_v >= 0 and high_u <= width - 1 and high_v <= height - 1)
     seen = _ALL_SEEN if whole else (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
-    grey = cv2.remap(
-        view.image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    u32, v32 = u.astype(np.float32), v.astype(np.float32)
+    grey = cv2.remap(view.image, u32, v32, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    clipped = _clipped(view.image, u32, v32) if int(grey.max()) >= SATURATED_DN - ROUNDING_DN else None
     # Length of the middle's two diagonals.
     c = PATCH // 2
     du, dv = u[c, c] - u[c - 1, c - 1], v[c, c] - v[c - 1, c - 1]
     eu, ev = u[c, c - 1] - u[c - 1, c], v[c, c - 1] - v[c - 1, c]
     cell_px = math.sqrt(0.5 * abs(float(du * ev - dv * eu)))
-    return Patch(grey.astype(np.float64), seen, whole, cell_px)
+    return Patch(grey.astype(np.float64), seen, whole, cell_px, clipped)
+
+
+def _clipped(image: Image, u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """(cells,) whether one of the pixels between which a cell was interpolated is saturated."""
+    height, width = image.shape
+    u0, v0 = max(0, int(u.min()) - 1), max(0, int(v.min()) - 1)
+    u1, v1 = min(width, int(u.max()) + 3), min(height, int(v.max()) + 3)
+    if u1 <= u0 or v1 <= v0:
+        return None
+    _, saturated = cv2.threshold(image[v0:v1, u0:u1], SATURATED_DN - 1, 255, cv2.THRESH_BINARY)
+    part = cv2.remap(saturated, u - u0, v - v0, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return (part > ROUNDING_DN).ravel() if part.any() else None
 
 
 def side_px(patch: Patch) -> float:

@@ -1,0 +1,212 @@
+"""What the picture says for a map of the pad's plane and against it: the drawing must explain the grey of the
+rectified patch, with the light, blur and tone that suit it best, and better than its rivals: the drawing turned, or
+with a part of it upside down, missing, of another size or shape. Each test returns its refusal or None.
+
+Shadows and covers that cross the landmark are left to agreement, which compares place by place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frames import Array
+from app.vision.align import uncensored
+from app.vision.evidence import MIN_CONTRAST
+from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Template
+from app.vision.patch import Patch, side_px
+from app.vision.refusal import Refusal, Rejection
+
+MAX_CONTRAST = 300.0
+"""A blurred landmark's black and white, worked out from its greys, may lie somewhat beyond 0 and 255."""
+MAX_CONTRAST_CLIPPED = 1500.0
+"""The same where white is saturated: as far as this the exposure may be wrong."""
+CENSORED_ROUNDS = 4
+INVERTED = 0.014
+"""Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
+the other; a triangle upside down is both, by 4% each."""
+LIKE_MIN = 0.5
+WHOLE_MIN = 0.92
+FEW_MIN, FEWEST_PX, FEW_PX = 0.98, 12.0, 24.0
+"""Correlation of a small landmark's patch with the drawing as this light and lens show it; and of one of
+FEWEST_PX or less, rising from FEW_PX on."""
+AVERAGED_PX = 2.0
+MARGIN = 0.15
+"""How much better the drawing must explain the picture than a rival, as a part of the difference between the two."""
+STRUCTURE, STRUCTURE_COSTS = 0.025, 10.0
+"""What noise, blur and light leave unexplained, as a part of the contrast; and by how much more the margin grows for
+each part that is left beyond. Rendered landmarks leave 0.01 to 0.05, what resembles them 0.05 and more."""
+CLIPPED, CLIPPED_COSTS, CLIPPED_MOST = 0.3, 0.8, 0.25
+"""The margin grows as well with the part of the picture that is saturated beyond this, which tells nothing."""
+MIMICS = 0.06
+"""A rival that leaves less than this is what the picture shows."""
+MIN_CELLS = 24
+FLAT_PART = 0.03
+"""What differs by less than this part of the contrast, root mean square, can't be told."""
+
+
+def check_likeness(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether a large landmark's patch resembles the drawing at all, shadows and covers allowed."""
+    cells = _seen(patch, geometry.cells(None))
+    if len(cells) < MIN_CELLS:
+        return None
+    found = explain_patch(patch, geometry, cells)
+    if found.correlation < LIKE_MIN:
+        text = f"correlation with the drawn landmark {found.correlation:.2f}, under {LIKE_MIN:.2f}"
+        return Rejection(Refusal.CORRELATION, text)
+    return None
+
+
+def check_inverted(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether black stands for white in one place and white for black in another."""
+    template = geometry.template(PSF_SIGMA_PX / patch.cell_px)
+    cells = _seen(patch, geometry.cells(None))
+    white, grey = template.white.ravel()[cells], patch.grey.ravel()[cells]
+    black_cells, white_cells = white < 0.1, white > 0.9
+    if not (black_cells.any() and white_cells.any()):
+        return None
+    low, high = float(np.median(grey[black_cells])), float(np.median(grey[white_cells]))
+    if high - low < MIN_CONTRAST:
+        return Rejection(Refusal.CONTRAST, f"contrast {high - low:.0f} grey levels, under {MIN_CONTRAST:.0f}")
+    area = len(geometry.cells(None)) * geometry.square_part
+    too_white = float((grey[black_cells] > high - 0.3 * (high - low)).sum()) / area
+    too_black = float((grey[white_cells] < low + 0.3 * (high - low)).sum()) / area
+    if min(too_white, too_black) > INVERTED:
+        text = f"{too_white * 100:.1f}% is white for black and {too_black * 100:.1f}% black for white"
+        return Rejection(Refusal.CORRELATION, text)
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """How a drawing explains cells of a patch, with the light, blur and tone that suit it best.
+
+    Attributes:
+        correlation: Of the cells with what the drawing makes of them; 0 if black and white are the wrong way round.
+        left: Sum of squares that is left.
+        contrast: Grey levels from black to white.
+        model: (cells,) what it makes of them.
+        grey: (cells,) them; where they are saturated and the model brighter, what the model says.
+    """
+
+    correlation: float
+    left: float
+    contrast: float
+    model: Array
+    grey: Array
+
+
+def _seen(patch: Patch, cells: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of the cells that lie in the image."""
+    return cells if patch.whole else cells[patch.seen.ravel()[cells]]
+
+
+def explain(grey: Array, template: Template, cells: NDArray[np.intp], clipped: NDArray[np.bool_] | None) -> Explained:
+    """Fit a drawing's appearance to the grey (n,) of some cells, of which some (n,) may be saturated."""
+    terms = template.appearance[cells]
+    hold = 1e-6 * len(cells) + template.hold
+    counts = terms
+    model = grey
+    solution = np.zeros(terms.shape[1])
+    for _ in range(1 if clipped is None else CENSORED_ROUNDS):
+        normal = counts.T @ terms
+        normal.flat[:: len(normal) + 1] += hold
+        solution = np.linalg.solve(normal, counts.T @ grey)
+        model = terms @ solution
+        if clipped is not None:
+            counts = terms * ~(clipped & (model >= grey))[:, None]
+    grey = uncensored(grey, clipped, model)
+    off = grey - model
+    left = float(off @ off)
+    total = float(grey @ grey) - len(grey) * float(grey.mean()) ** 2
+    contrast = float(solution[0])
+    correlation = math.sqrt(max(0.0, 1.0 - left / total)) if total > 1e-6 and contrast > 0 else 0.0
+    return Explained(correlation, left, contrast, model, grey)
+
+
+def explain_patch(patch: Patch, geometry: LandmarkGeometry, cells: NDArray[np.intp]) -> Explained:
+    """How the landmark explains the cells of a patch."""
+    clipped = None if patch.clipped is None else patch.clipped[cells]
+    return explain(patch.grey.ravel()[cells], geometry.template(PSF_SIGMA_PX / patch.cell_px), cells, clipped)
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What became of a picture.
+
+    Attributes:
+        rejection: None if it is the landmark.
+        correlation: Of the picture with the drawing.
+        mimic: Whether a rival explains it well, so that no shadow or cover can be to blame.
+    """
+
+    rejection: Rejection | None
+    correlation: float
+    mimic: bool = False
+
+
+def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
+    """Whether the drawing explains a patch whose map is right, and no rival does as well.
+
+    A rival that differs in less than the picture can show says nothing, but for the landmark turned: with its heading
+    open it is refused.
+    """
+    cells = _seen(patch, geometry.cells(None))
+    if len(cells) < MIN_CELLS:
+        return Proof(Rejection(Refusal.TOO_SMALL, "too little of it lies in the image"), 0.0)
+    best = explain_patch(patch, geometry, cells)
+    if best.contrast < MIN_CONTRAST:
+        text = f"contrast {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
+        return Proof(Rejection(Refusal.CONTRAST, text), best.correlation)
+    most = MAX_CONTRAST if patch.clipped is None else MAX_CONTRAST_CLIPPED
+    if best.contrast > most:
+        text = f"contrast {best.contrast:.0f} grey levels, over {most:.0f}: no print is whiter than white"
+        return Proof(Rejection(Refusal.CONTRAST, text), best.correlation)
+    # Few pixels are easily explained.
+    few = (FEW_PX - side_px(patch)) / (FEW_PX - FEWEST_PX)
+    least = WHOLE_MIN + (FEW_MIN - WHOLE_MIN) * min(1.0, max(0.0, few))
+    rivals = geometry.rivals(PSF_SIGMA_PX / patch.cell_px)
+    expected, found = rivals.left(np.column_stack([best.model, best.grey]), cells).T
+    expected, found = expected - expected[0], found - found[0]
+    same = expected < len(cells) * (FLAT_PART * best.contrast) ** 2
+    part = np.where(same, np.where(rivals.must_differ, -math.inf, math.inf), found / np.maximum(expected, 1e-9))
+    part[0] = math.inf
+    k = int(part.argmin())
+    structure = _structure(patch, cells, best.grey - best.model) / best.contrast
+    clipped = 0.0 if patch.clipped is None else float(patch.clipped[cells].mean())
+    margin = MARGIN + STRUCTURE_COSTS * max(0.0, structure - STRUCTURE)
+    margin += min(CLIPPED_MOST, CLIPPED_COSTS * max(0.0, clipped - CLIPPED))
+    if part[k] < margin:
+        text = (
+            f"could as well be the landmark {rivals.names[k]}: {part[k] * 100:.0f}% of the difference to expect, under "
+            f"{margin * 100:.0f}%"
+        )
+        if part[k] < 0.0 and not same[k]:
+            other = explain(best.grey, rivals.templates[k], cells, None)
+            off = _structure(patch, cells, best.grey - other.model)
+            mimic = other.contrast > 0.0 and off < MIMICS * other.contrast
+        else:
+            mimic = False
+        refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
+        if best.correlation < least and not mimic:
+            refusal = Refusal.CORRELATION
+        return Proof(Rejection(refusal, text), best.correlation, mimic)
+    if best.correlation < least:
+        text = f"correlation with the drawn landmark {best.correlation:.3f}, under {least:.3f}"
+        return Proof(Rejection(Refusal.CORRELATION, text), best.correlation)
+    return Proof(None, best.correlation)
+
+
+def _structure(patch: Patch, cells: NDArray[np.intp], off: Array) -> float:
+    """Root mean square, in grey levels, of what differs, averaged over some pixels: noise averages out, another drawing
+    doesn't.
+    """
+    spread = np.zeros(patch.grey.size)
+    spread[cells] = off
+    window = max(3, round(AVERAGED_PX / patch.cell_px) | 1)
+    smooth = cv2.blur(spread.reshape(patch.grey.shape), (window, window)).ravel()[cells]
+    return math.sqrt(float(smooth @ smooth) / len(cells))
