@@ -25,7 +25,7 @@ FLAT = 0.08
 """Standard deviation in a window, as a part of the usual contrast, under which the image shows nothing."""
 MUTE_DN = 250.0
 """A window whose mean is brighter is saturated."""
-MIN_AGREE = 0.52
+MIN_AGREE = 0.5
 """Part of the places that must agree."""
 FEWEST = 12
 ODDS = 2.5
@@ -75,15 +75,12 @@ def compare(patch: Patch, rivals: Rivals, seen: NDArray[np.bool_]) -> Agreement:
     return Agreement(like, seen & (mean < MUTE_DN), usual)
 
 
-def check_agreement(
-    patch: Patch, geometry: LandmarkGeometry, least: float = MIN_AGREE
-) -> tuple[Rejection | None, float]:
+def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection | None, float]:
     """Whether the patch agrees with the drawing in enough places, and with no rival as well; and in which part.
 
     Args:
         patch: At the map in question.
         geometry: Of the landmark.
-        least: Part of the places that must agree.
     """
     rivals = geometry.rivals(PSF_SIGMA_PX / patch.cell_px)
     found = compare(patch, rivals, geometry.judged if patch.whole else geometry.judged & patch.seen)
@@ -93,8 +90,8 @@ def check_agreement(
     if found.contrast < MIN_CONTRAST_DN:
         text = f"contrast {found.contrast:.0f} grey levels, under {MIN_CONTRAST_DN:.0f}"
         return Rejection(Refusal.CONTRAST, text), share
-    if share < least or count < 4 * FEWEST:
-        text = f"{share * 100:.0f}% of its places are as drawn, under {least * 100:.0f}%"
+    if share < MIN_AGREE or count < 4 * FEWEST:
+        text = f"{share * 100:.0f}% of its places are as drawn, under {MIN_AGREE * 100:.0f}%"
         return Rejection(Refusal.CORRELATION, text), share
     where = rivals.windows.differs & found.tells
     ours = (found.like[0] & ~found.like & where).sum(axis=(1, 2))

@@ -210,9 +210,11 @@ class EquidistantLens(_Sensor):
         rho = np.sqrt(np.where(small, 1.0, rho2))
         theta = np.arctan2(np.where(small, 0.0, rho), z)
         straight = self.k == (0.0,) * 4
-        g = np.where(small, 1.0 / np.where(small, z, 1.0), (theta if straight else self._radius(theta)) / rho)
+        on_axis = np.where(small & (z != 0.0), z, 1.0)
+        g = np.where(small, 1.0 / on_axis, (theta if straight else self._radius(theta)) / rho)
         slope = 1.0 if straight else self._slope(theta)
         # u = g(rho, z) x: dg/dx = x/rho (slope z / (rho n2) - g / rho), dg/dz = -slope / n2.
+        n2 = np.where(n2 > 0.0, n2, 1.0)
         dg = np.where(small, 0.0, (slope * z / n2 - g) / np.where(small, 1.0, rho2))
         xy = points_cam[:, :2]
         jac = np.empty((len(x), 2, 3))

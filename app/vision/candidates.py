@@ -26,10 +26,11 @@ from app.vision.evidence import (
 )
 from app.vision.fit import fit_run, project_pad
 from app.vision.geometry import LandmarkGeometry
-from app.vision.patch import Patch, View, near_view, rectify, side_px
+from app.vision.patch import Patch, View, near_view, rectify, resemblance, side_px
 from app.vision.picture import Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
+from app.vision.shading import check_shaded
 from app.vision.table import Alignment as Reading
 from app.vision.table import alignments
 
@@ -48,11 +49,13 @@ EASY_PX = 3.2
 """A landmark whose edges were as near as this to where they were expected is followed in one step."""
 FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX)
 AGAIN_MIN = 0.95
+SAME = 0.985
+"""Correlation of two looks, one frame apart, that show the same thing; noise alone takes 0.002 to 0.03 of it."""
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
-MIN_AGREE_INSIDE = 0.45
-"""Part of the places inside the second contour that must agree."""
+MIN_SHADED, MIN_SHADED_INSIDE = 0.88, 0.8
+"""Part of the cells that must be as drawn in their own light, of the whole and inside the second contour."""
 NEAR_MIN_PX = 24.0
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
@@ -78,6 +81,7 @@ class Found:
         side_px: Side of the outermost contour in the image.
         level: Grey half way from black to white.
         share: Part of the edge points in view that is confirmed, 1 for a small landmark.
+        look: The picture of it, or of what lies inside its second contour.
     """
 
     rays_from_pad: Array
@@ -88,6 +92,7 @@ class Found:
     side_px: float
     level: float
     share: float
+    look: Patch
 
     def corners_px(self, view: View) -> list[Array]:
         """For each contour found (k, 2), in the landmark's order."""
@@ -156,13 +161,14 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
     return judge_edges(fit, view)
 
 
-def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Rejection:
+def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None) -> Found | Rejection:
     """A fit by its edges, confirmed or refused.
 
     Args:
         fit: The fit.
         view: What it was made on.
-        again: It was confirmed in the frame before: edges that are nearly all there are enough.
+        before: Its look when it was confirmed in the frame before: if its edges are nearly all there and it looks the
+            same, that is enough.
     """
     geometry, edges = view.geometry, fit.edges
     refused = check_edges(edges) or check_sandwiched(edges, geometry)
@@ -170,37 +176,49 @@ def judge_edges(fit: EdgeFit, view: View, again: bool = False) -> Found | Reject
         return refused
     score = edges.share
     open_yet = check_contours(edges, geometry) or heading_is_open(edges, geometry)
-    if again and open_yet is None and edges.share > NEARLY_ALL:
-        return _found(fit, score, view)
+    look = _look(fit, view)
+    if before is not None and open_yet is None and edges.share > NEARLY_ALL and resemblance(before, look) > SAME:
+        return _found(fit, score, look, view)
     patch = rectify(view, fit.rays_from_pad)
     refused = open_yet or check_inverted(patch, geometry) or check_likeness(patch, geometry)
-    inside = _prove_inside(fit, view)
+    first = _first_inside(fit, geometry)
+    inside = None if first is None else _prove_inside(fit, first, view)
     if inside is not None and inside.rejection is not None and inside.mimic:
         return inside.rejection
+    unproven = inside is not None and inside.rejection is not None
     if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
-        refused, score = check_agreement(patch, geometry)
-        unproven = len(geometry.landmark.contours) > 2 and side_px(patch) >= NEAR_MIN_PX
-    else:
-        unproven = inside is not None and inside.rejection is not None
-    if refused is None and unproven:
+        refused, score = check_in_places(patch, geometry, MIN_SHADED)
+        unproven = side_px(patch) >= NEAR_MIN_PX
+        first = 2
+    if refused is None and unproven and first is not None:
         # Once more from nearer, where the heading and the innermost contours are.
-        near, matrix = near_view(view, fit.rays_from_pad, 2)
-        refused, _ = check_agreement(rectify(near, matrix), near.geometry, MIN_AGREE_INSIDE)
-    return _found(fit, score, view) if refused is None else refused
+        near, matrix = near_view(view, fit.rays_from_pad, first)
+        refused, _ = check_in_places(rectify(near, matrix), near.geometry, MIN_SHADED_INSIDE)
+    return _found(fit, score, look, view) if refused is None else refused
 
 
-def _prove_inside(fit: EdgeFit, view: View) -> Proof | None:
-    """What the picture inside says, where all of it lies in the image; None where there is nothing to say.
+def _look(fit: EdgeFit, view: View) -> Patch:
+    """The picture inside the second contour, or of all if there is nothing."""
+    if len(view.geometry.landmark.contours) < 3:
+        return rectify(view, fit.rays_from_pad)
+    return rectify(*near_view(view, fit.rays_from_pad, 2))
 
-    Inside the innermost contours that edges show, or of the last one where they show all.
+
+def _first_inside(fit: EdgeFit, geometry: LandmarkGeometry) -> int | None:
+    """The black contour from which on the picture has to prove the drawing: the one with the first contour in it that
+    edges don't show, or the innermost if they show all; None where there is none.
     """
-    geometry, edges = view.geometry, fit.edges
-    points = geometry.points_of
-    deepest = len(points) - 1
+    deepest = len(geometry.points_of) - 1
     if deepest < 2:
         return None
-    seen = np.flatnonzero(edges.confirmed[2::2] >= 0.5 * points[2::2])
-    first = min(2 + 2 * int(seen[-1]) if len(seen) else 2, deepest - deepest % 2)
+    hidden = np.flatnonzero(fit.edges.confirmed[2:] < 0.5 * geometry.points_of[2:])
+    first = 2 + int(hidden[0]) if len(hidden) else deepest
+    return first - first % 2
+
+
+def _prove_inside(fit: EdgeFit, first: int, view: View) -> Proof | None:
+    """What the picture from a contour on says, where all of it lies in the image; None where it doesn't."""
+    geometry = view.geometry
     px, valid = project_pad(fit.rays_from_pad, geometry.corners[geometry.slices[first]], view.lens)
     height, width = view.image.shape
     if not valid.all() or (px < view.origin).any() or (px > np.array([width - 1, height - 1]) + view.origin).any():
@@ -212,7 +230,7 @@ def _prove_inside(fit: EdgeFit, view: View) -> Proof | None:
     return check_picture(aligned.patch, near.geometry)
 
 
-def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
+def _found(fit: EdgeFit, score: float, look: Patch, view: View) -> Found | Rejection:
     """What was confirmed, with the contours that are whole enough."""
     edges = fit.edges
     share = edges.confirmed / np.maximum(edges.in_view, 1)
@@ -221,8 +239,17 @@ def _found(fit: EdgeFit, score: float, view: View) -> Found | Rejection:
     if len(run) < 2:
         return Rejection(Refusal.CODE, f"{len(run)} contour is whole enough, under 2")
     return Found(
-        fit.rays_from_pad, fit.information, edges.scatter_px, run, score, edges.side_px, edges.level, edges.share
+        fit.rays_from_pad, fit.information, edges.scatter_px, run, score, edges.side_px, edges.level, edges.share, look
     )
+
+
+def check_in_places(patch: Patch, geometry: LandmarkGeometry, shaded: float) -> tuple[Rejection | None, float]:
+    """Whether a patch that a shadow or a cover may cross shows the drawing place by place, one way or the other."""
+    refused, share = check_agreement(patch, geometry)
+    if refused is None:
+        return refused, share
+    second, cells = check_shaded(patch, geometry, shaded)
+    return (second, cells) if second is None or second.test > refused.test else (refused, share)
 
 
 def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
@@ -237,39 +264,44 @@ def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
     return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view)
 
 
-def follow_large(rays_from_pad: Array, view: View) -> Found | Rejection:
-    """A large landmark where it is expected by the frame before, to a pixel or two."""
+def follow_large(rays_from_pad: Array, view: View, before: Patch) -> Found | Rejection:
+    """A large landmark where it is expected by the frame before, to a pixel or two; before is its look there."""
     geometry = view.geometry
     everything = range(len(geometry.landmark.contours))
     fit = fit_edges(
         view.image, rays_from_pad, geometry, view.lens, everything, FOLLOW_REACHES_PX, view.origin, easy_px=EASY_PX
     )
-    return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view, True)
+    return (
+        Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view, before)
+    )
 
 
-def confirm_small(rays_from_pad: Array, view: View, steps: int = STEPS, again: bool = False) -> Found | Rejection:
+def confirm_small(
+    rays_from_pad: Array, view: View, steps: int = STEPS, before: Patch | None = None
+) -> Found | Rejection:
     """Align a small landmark's picture from a map that is nearly right, and judge.
 
     Args:
         rays_from_pad: The map.
         view: What to look at.
         steps: Of the alignment, at most.
-        again: It was confirmed in the frame before: it needn't be told from its rivals.
+        before: Its look when it was confirmed in the frame before: if it looks the same, that is enough.
     """
     aligned = align(view, rays_from_pad, steps)
     if aligned is None:
         return Rejection(Refusal.CORRELATION, "its picture doesn't hold the drawing")
-    return judge_alignment(aligned, view, again)
+    return judge_alignment(aligned, view, before)
 
 
-def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Found | Rejection:
-    """An alignment, confirmed or refused; again as for confirm_small."""
+def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None) -> Found | Rejection:
+    """An alignment, confirmed or refused; before as for confirm_small."""
     geometry, patch = view.geometry, aligned.patch
     size_px = side_px(patch)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
     score = aligned.correlation
-    if not (again and score > AGAIN_MIN and aligned.contrast > MIN_CONTRAST):
+    same = before is not None and score > AGAIN_MIN and resemblance(before, patch) > SAME
+    if not (same and aligned.contrast > MIN_CONTRAST):
         proof = check_picture(patch, geometry)
         score = proof.correlation
         if proof.rejection is not None:
@@ -287,6 +319,7 @@ def judge_alignment(aligned: Alignment, view: View, again: bool = False) -> Foun
         size_px,
         aligned.level,
         1.0,
+        patch,
     )
 
 

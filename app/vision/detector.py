@@ -36,7 +36,7 @@ from app.vision.contours import contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.partial import readings, sides
-from app.vision.patch import View, rectify
+from app.vision.patch import Patch, View, rectify
 from app.vision.preprocess import (
     Prepared,
     Region,
@@ -119,6 +119,7 @@ class Track:
         t_s: When that was.
         side_px: Its outer side.
         misses: Frames since.
+        look: Its picture there.
         followed: Frames in which it was followed since it was last searched for.
     """
 
@@ -126,6 +127,7 @@ class Track:
     motion: Array
     t_s: float
     side_px: float
+    look: Patch
     misses: int = 0
     followed: int = 0
 
@@ -319,12 +321,12 @@ class Detector:
         candidates: list[Candidate] = []
         maps = self._expected(track, t_s, predicted_px)
         # Now and then a landmark that is followed is told from its rivals anew.
-        again = track.misses == 0 and track.followed % PROVE_EACH != 0
+        before = track.look if track.misses == 0 and track.followed % PROVE_EACH != 0 else None
         for k, matrix in enumerate(maps):
             if track.side_px < SMALL_PX:
-                found = confirm_small(matrix, view, TRACK_STEPS, again)
-            elif again and k == 0:
-                found = follow_large(matrix, view)
+                found = confirm_small(matrix, view, TRACK_STEPS, before)
+            elif before is not None and k == 0:
+                found = follow_large(matrix, view, before)
             else:
                 found = confirm_large(matrix, everything, view, WIDE_REACHES_PX)
             if isinstance(found, Found):
@@ -397,5 +399,5 @@ class Detector:
             motion = np.array([[size, turn, moved[0, 2]], [-turn, size, moved[1, 2]], [0.0, 0.0, 0.0]])
             motion /= t_s - track.t_s
         count = track.followed + 1 if followed and track is not None else 0
-        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px, followed=count)
+        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px, found.look, followed=count)
         self.last = view, found.rays_from_pad

@@ -181,6 +181,11 @@ class Rivals:
         return Windows(np.stack([t.white for t in self.templates]))
 
     @cached_property
+    def averaged(self) -> Array:
+        """(n, PATCH, PATCH) how white each cell and its neighbours are."""
+        return np.stack([cv2.blur(t.white, (3, 3)) for t in self.templates])
+
+    @cached_property
     def _appearances(self) -> Array:
         """(n, 9, cells)."""
         return np.stack([t.appearance.T for t in self.templates])
@@ -408,7 +413,7 @@ class LandmarkGeometry:
                 found.append((f"with {contour.name} {word}", self._drawn(changed)))
         last = self.landmark.contours[-1]
         if len(own) > 1:
-            for name, corners in _other_shapes(last):
+            for name, corners in [*_other_shapes(last), *_other_places(last)]:
                 changed = [*own[:-1], (corners, last.black)]
                 found.append((f"with {last.name} {name}", self._drawn(changed)))
         return found
@@ -524,6 +529,13 @@ def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
         arm = radius * np.column_stack([np.cos(angle), np.sin(angle)])
         found += [(name, contour.centroid_m + arm), (f"{name}, larger,", contour.centroid_m + 1.25 * arm)]
     return found
+
+
+def _other_places(contour: Contour) -> list[tuple[str, Array]]:
+    """Where a contour may be moved to, by half of its side."""
+    step = 0.5 * contour.side_m
+    ways = {"forward": (step, 0.0), "back": (-step, 0.0), "right": (0.0, step), "left": (0.0, -step)}
+    return [(f"moved {name}", contour.corners_m + np.array(way)) for name, way in ways.items()]
 
 
 def gaps_to_points(corners: Array, points: Array) -> Array:

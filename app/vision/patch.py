@@ -114,6 +114,19 @@ def _clipped(image: Image, u: NDArray[np.float32], v: NDArray[np.float32]) -> ND
     return (part > ROUNDING_DN).ravel() if part.any() else None
 
 
+def resemblance(before: Patch, now: Patch) -> float:
+    """Correlation of the greys of two patches where both are seen: 1 for the same thing in any even light."""
+    a, b = before.grey, now.grey
+    if not (before.whole and now.whole):
+        both = before.seen & now.seen
+        a, b = a[both], b[both]
+    if a.size < PATCH:
+        return 0.0
+    a, b = a - a.mean(), b - b.mean()
+    length = math.sqrt(float(np.vdot(a, a)) * float(np.vdot(b, b)))
+    return float(np.vdot(a, b)) / length if length > 0.0 else 0.0
+
+
 def side_px(patch: Patch) -> float:
     """Side of the outermost contour in the image, about."""
     return patch.cell_px * PATCH / PATCH_EXTENT

@@ -110,7 +110,7 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp], clipped: N
     terms = template.appearance[cells]
     hold = 1e-6 * len(cells) + template.hold
     counts = terms
-    model = grey
+    model: Array = grey
     solution = np.zeros(terms.shape[1])
     for _ in range(1 if clipped is None else CENSORED_ROUNDS):
         normal = counts.T @ terms
@@ -119,13 +119,13 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp], clipped: N
         model = terms @ solution
         if clipped is not None:
             counts = terms * ~(clipped & (model >= grey))[:, None]
-    grey = uncensored(grey, clipped, model)
-    off = grey - model
+    shown = uncensored(grey, clipped, model)
+    off = shown - model
     left = float(off @ off)
-    total = float(grey @ grey) - len(grey) * float(grey.mean()) ** 2
+    total = float(shown @ shown) - len(shown) * float(shown.mean()) ** 2
     contrast = float(solution[0])
     correlation = math.sqrt(max(0.0, 1.0 - left / total)) if total > 1e-6 and contrast > 0 else 0.0
-    return Explained(correlation, left, contrast, model, grey)
+    return Explained(correlation, left, contrast, model, shown)
 
 
 def explain_patch(patch: Patch, geometry: LandmarkGeometry, cells: NDArray[np.intp]) -> Explained:
