@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.vision.geometry import LIKE, PSF_SIGMA_PX, WINDOW, LandmarkGeometry, Rivals
 from app.vision.patch import Patch
+from app.vision.picture import Proof
 from app.vision.refusal import Refusal, Rejection
 
 FAINT = 0.25
@@ -27,7 +28,7 @@ MUTE_DN = 250.0
 """A window whose mean is brighter is saturated."""
 MIN_AGREE = 0.5
 """Part of the places that must agree."""
-FEWEST = 12
+FEWEST = 20
 ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
 PART = 0.2
@@ -75,12 +76,14 @@ def compare(patch: Patch, rivals: Rivals, seen: NDArray[np.bool_]) -> Agreement:
     return Agreement(like, seen & (mean < MUTE_DN), usual)
 
 
-def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection | None, float]:
-    """Whether the patch agrees with the drawing in enough places, and with no rival as well; and in which part.
+def check_agreement(patch: Patch, geometry: LandmarkGeometry, deepest: int | None = None) -> Proof:
+    """Whether the patch agrees with the drawing in enough places, and with no rival as well; its correlation is the
+    part that agrees. A rival that agrees in clearly more places is what the picture shows.
 
     Args:
         patch: At the map in question.
         geometry: Of the landmark.
+        deepest: Rivals that differ in contours further inside are left to a nearer look; None: none are.
     """
     rivals = geometry.rivals(PSF_SIGMA_PX / patch.cell_px)
     found = compare(patch, rivals, geometry.judged if patch.whole else geometry.judged & patch.seen)
@@ -89,10 +92,10 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection
     share = agree / max(1, count)
     if found.contrast < MIN_CONTRAST_DN:
         text = f"contrast {found.contrast:.0f} grey levels, under {MIN_CONTRAST_DN:.0f}"
-        return Rejection(Refusal.CONTRAST, text), share
+        return Proof(Rejection(Refusal.CONTRAST, text), share)
     if share < MIN_AGREE or count < 4 * FEWEST:
         text = f"{share * 100:.0f}% of its places are as drawn, under {MIN_AGREE * 100:.0f}%"
-        return Rejection(Refusal.CORRELATION, text), share
+        return Proof(Rejection(Refusal.CORRELATION, text), share)
     where = rivals.windows.differs & found.tells
     ours = (found.like[0] & ~found.like & where).sum(axis=(1, 2))
     theirs = (~found.like[0] & found.like & where).sum(axis=(1, 2))
@@ -100,11 +103,15 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry) -> tuple[Rejection
     least_of = np.maximum(ODDS * theirs, np.maximum(PART * would, np.where(rivals.must_differ, FEWEST, 0)))
     wrong = (ours < least_of) & ((would >= FEWEST) | rivals.must_differ)
     wrong[0] = False
+    if deepest is not None:
+        wrong &= rivals.contour <= deepest
     if wrong.any():
         k = int(np.flatnonzero(wrong)[0])
         text = (
             f"could as well be the landmark {rivals.names[k]}: of {would[k]} places that would tell "
             f"{ours[k]} agree with the one alone, {theirs[k]} with the other"
         )
-        return Rejection(Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION, text), share
-    return None, share
+        mimic = bool((wrong & (theirs > np.maximum(FEWEST, ODDS * ours))).any())
+        refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
+        return Proof(Rejection(refusal, text), share, mimic)
+    return Proof(None, share)

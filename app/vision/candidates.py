@@ -187,13 +187,14 @@ def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None) -> Found 
         return inside.rejection
     unproven = inside is not None and inside.rejection is not None
     if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
-        refused, score = check_in_places(patch, geometry, MIN_SHADED)
         unproven = side_px(patch) >= NEAR_MIN_PX
+        proof = check_in_places(patch, geometry, MIN_SHADED, 2 if unproven and first is not None else None)
+        refused, score = proof.rejection, proof.correlation
         first = 2
     if refused is None and unproven and first is not None:
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
-        refused, _ = check_in_places(rectify(near, matrix), near.geometry, MIN_SHADED_INSIDE)
+        refused = check_in_places(rectify(near, matrix), near.geometry, MIN_SHADED_INSIDE).rejection
     return _found(fit, score, look, view) if refused is None else refused
 
 
@@ -243,13 +244,15 @@ def _found(fit: EdgeFit, score: float, look: Patch, view: View) -> Found | Rejec
     )
 
 
-def check_in_places(patch: Patch, geometry: LandmarkGeometry, shaded: float) -> tuple[Rejection | None, float]:
+def check_in_places(patch: Patch, geometry: LandmarkGeometry, shaded: float, deepest: int | None = None) -> Proof:
     """Whether a patch that a shadow or a cover may cross shows the drawing place by place, one way or the other."""
-    refused, share = check_agreement(patch, geometry)
-    if refused is None:
-        return refused, share
-    second, cells = check_shaded(patch, geometry, shaded)
-    return (second, cells) if second is None or second.test > refused.test else (refused, share)
+    windows = check_agreement(patch, geometry, deepest)
+    if windows.rejection is None or windows.mimic:
+        return windows
+    cells = check_shaded(patch, geometry, shaded, deepest)
+    if cells.rejection is None or cells.rejection.test > windows.rejection.test:
+        return cells
+    return windows
 
 
 def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:

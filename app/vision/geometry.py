@@ -168,10 +168,14 @@ class Rivals:
         names: What they are, for people.
         must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
         templates: As seen; the first one is the landmark itself.
+        contour: (n,) the outermost one that differs.
     """
 
-    def __init__(self, names: list[str], must_differ: list[bool], templates: list[Template]) -> None:
+    def __init__(
+        self, names: list[str], must_differ: list[bool], templates: list[Template], contour: list[int]
+    ) -> None:
         self.names = names
+        self.contour = np.array(contour)
         self.must_differ = np.array(must_differ)
         self.templates = templates
 
@@ -395,27 +399,25 @@ class LandmarkGeometry:
         return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
 
     @cached_property
-    def _drawings(self) -> list[tuple[str, NDArray[np.float32]]]:
-        """The landmark first, then its variants: name and drawing of _drawn."""
+    def _drawings(self) -> list[tuple[str, int, NDArray[np.float32]]]:
+        """The landmark first, then its variants: name, which contour differs, and drawing of _drawn."""
         own = [(c.corners_m, c.black) for c in self.landmark.contours]
-        found = [("as drawn", self._drawn(own))]
+        found = [("as drawn", 0, self._drawn(own))]
         for k, contour in enumerate(self.landmark.contours):
             if k == 0:
                 continue
-            found.append((f"without {contour.name}", self._drawn(own[:k])))
+            found.append((f"without {contour.name}", k, self._drawn(own[:k])))
+            changes: list[tuple[str, Array]] = []
             if contour.shape is Shape.TRIANGLE:
-                turned = 2.0 * contour.centroid_m - contour.corners_m
-                changed = [*own[:k], (turned, contour.black), *own[k + 1 :]]
-                found.append((f"with {contour.name} upside down", self._drawn(changed)))
+                changes.append(("upside down", 2.0 * contour.centroid_m - contour.corners_m))
+                changes.append(("a disc", contour.centroid_m + _regular(24, contour.area_m2, 0.0)))
             for word, factor in (("larger", 1.3), ("smaller", 0.7)):
-                resized = contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)
-                changed = [*own[:k], (resized, contour.black), *own[k + 1 :]]
-                found.append((f"with {contour.name} {word}", self._drawn(changed)))
-        last = self.landmark.contours[-1]
-        if len(own) > 1:
-            for name, corners in [*_other_shapes(last), *_other_places(last)]:
-                changed = [*own[:-1], (corners, last.black)]
-                found.append((f"with {last.name} {name}", self._drawn(changed)))
+                changes.append((word, contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)))
+            if contour is self.landmark.contours[-1]:
+                changes += [*_other_shapes(contour), *_other_places(contour)]
+            for name, corners in changes:
+                changed = [*own[:k], (corners, contour.black), *own[k + 1 :]]
+                found.append((f"with {contour.name} {name}", k, self._drawn(changed)))
         return found
 
     def template(self, sigma_cells: float, variant: int = 0) -> Template:
@@ -440,19 +442,21 @@ class LandmarkGeometry:
         key = self._blur_key(sigma_cells)
         if key not in self._rivals:
             own = self.template(sigma_cells)
-            names, differ, templates = ["as drawn"], [False], [own]
+            names, differ, templates, contour = ["as drawn"], [False], [own], [0]
             turns = self.landmark.contours[0].shape is Shape.SQUARE and bool(self.turns_visibly.any())
             for quarters in (1, 2, 3):
                 names.append(f"turned by {90 * quarters} degrees")
                 differ.append(turns)
                 turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
                 templates.append(Template(turned, own.sigma_cells))
-            for variant, (name, _) in enumerate(self._drawings):
+                contour.append(0)
+            for variant, (name, which, _) in enumerate(self._drawings):
                 if variant > 0:
                     names.append(name)
                     differ.append(False)
                     templates.append(self.template(sigma_cells, variant))
-            self._rivals[key] = Rivals(names, differ, templates)
+                    contour.append(which)
+            self._rivals[key] = Rivals(names, differ, templates, contour)
         return self._rivals[key]
 
     @cached_property
@@ -489,7 +493,7 @@ class LandmarkGeometry:
     def _blurred(self, sigma_cells: float, variant: int) -> Array:
         """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
         sigma = sigma_cells * FINE
-        drawing = self._drawings[variant][1]
+        drawing = self._drawings[variant][2]
         blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in drawing]
         cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
         return np.asarray(cells, dtype=np.float64)
@@ -516,6 +520,13 @@ class LandmarkGeometry:
         return self._insides[index]
 
 
+def _regular(count: int, area_m2: float, first_deg: float) -> Array:
+    """(count, 2) corners of a regular polygon about 0, clockwise."""
+    radius = math.sqrt(area_m2 / (0.5 * count * math.sin(2.0 * math.pi / count)))
+    angle = math.radians(first_deg) + 2.0 * math.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
 def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
     """What a contour may be replaced by: other polygons, as large as it or larger, clockwise."""
     found: list[tuple[str, Array]] = []
@@ -524,9 +535,7 @@ def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
     for name, count, first_deg in kinds:
         if name == f"a {contour.shape.value}":
             continue
-        radius = math.sqrt(contour.area_m2 / (0.5 * count * math.sin(2.0 * math.pi / count)))
-        angle = math.radians(first_deg) + 2.0 * math.pi * np.arange(count) / count
-        arm = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        arm = _regular(count, contour.area_m2, first_deg)
         found += [(name, contour.centroid_m + arm), (f"{name}, larger,", contour.centroid_m + 1.25 * arm)]
     return found
 

@@ -109,16 +109,15 @@ def explain(grey: Array, template: Template, cells: NDArray[np.intp], clipped: N
     """Fit a drawing's appearance to the grey (n,) of some cells, of which some (n,) may be saturated."""
     terms = template.appearance[cells]
     hold = 1e-6 * len(cells) + template.hold
-    counts = terms
-    model: Array = grey
-    solution = np.zeros(terms.shape[1])
+    counts = np.asarray(terms, dtype=np.float64)
+    model, solution = grey, np.zeros(terms.shape[1])
     for _ in range(1 if clipped is None else CENSORED_ROUNDS):
         normal = counts.T @ terms
         normal.flat[:: len(normal) + 1] += hold
-        solution = np.linalg.solve(normal, counts.T @ grey)
-        model = terms @ solution
+        solution = np.asarray(np.linalg.solve(normal, counts.T @ grey), dtype=np.float64)
+        model = np.asarray(terms @ solution, dtype=np.float64)
         if clipped is not None:
-            counts = terms * ~(clipped & (model >= grey))[:, None]
+            counts = np.where((clipped & (model >= grey))[:, None], 0.0, terms)
     shown = uncensored(grey, clipped, model)
     off = shown - model
     left = float(off @ off)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.vision.geometry import PATCH, PSF_SIGMA_PX, LandmarkGeometry
 from app.vision.patch import Patch
+from app.vision.picture import Proof
 from app.vision.refusal import Refusal, Rejection
 
 HALF, STRIDE = 4, 2
@@ -29,6 +30,8 @@ FEWEST_LEVELS = 3
 SPREADS = (2.0, 5.0, 12.0)
 """Where no such cell is near, levels come from so many cells away (standard deviation of the weights)."""
 MIN_CONTRAST_DN = 8.0
+FAINT = 0.25
+"""Contrast, as a part of the usual one, that counts: in the deepest shadow it is less."""
 MUTE_DN = 250.0
 """What is brighter on average is saturated."""
 LIKE = 0.22
@@ -37,7 +40,7 @@ AVERAGED = 3
 """Cells along the square that is compared."""
 TELLS = 0.35
 """Two drawings that differ by more, black 0 and white 1, can be told apart."""
-FEWEST = 8
+FEWEST = 16
 ODDS = 2.5
 """The drawing must agree in so many times the cells where a rival agrees and it doesn't."""
 PART = 0.3
@@ -66,14 +69,14 @@ def _medians(grey: Array, where: NDArray[np.bool_]) -> Array:
     count = np.isfinite(near).sum(axis=1)
     middle = ordered[np.arange(len(ordered)), np.maximum(count - 1, 0) // 2]
     middle[count < FEWEST_LEVELS] = np.nan
-    return _filled(middle.reshape(PATCH, PATCH))
+    return np.asarray(middle.reshape(PATCH, PATCH), dtype=np.float64)
 
 
-def _filled(levels: NDArray[np.float32]) -> Array:
+def _filled(levels: Array) -> Array:
     """Levels with those of the nearest cells where there are none."""
     known = np.isfinite(levels)
     weight, value = known.astype(np.float32), np.where(known, levels, 0.0).astype(np.float32)
-    result = levels.astype(np.float64)
+    result = levels.copy()
     for sigma in SPREADS:
         missing = ~np.isfinite(result)
         if not missing.any():
@@ -86,16 +89,25 @@ def _filled(levels: NDArray[np.float32]) -> Array:
 
 def local_levels(grey: Array, white: Array, seen: NDArray[np.bool_]) -> Levels:
     """Levels of a patch (PATCH, PATCH), with a drawing that is white (PATCH, PATCH) where 1, in the cells seen."""
-    return Levels(_medians(grey, seen & (white < DRAWN_BLACK)), _medians(grey, seen & (white > DRAWN_WHITE)))
+    black = _medians(grey, seen & (white < DRAWN_BLACK))
+    bright = _filled(_medians(grey, seen & (white > DRAWN_WHITE)))
+    usual = bright - _filled(black)
+    known = usual[np.isfinite(usual)]
+    if len(known):
+        # What is drawn black but isn't doesn't tell how dark black is there.
+        black[usual < FAINT * float(np.median(known))] = np.nan
+    return Levels(_filled(black), bright)
 
 
-def check_shaded(patch: Patch, geometry: LandmarkGeometry, least: float) -> tuple[Rejection | None, float]:
-    """Whether the patch agrees with the drawing in enough cells, and with no rival as well; and in which part.
+def check_shaded(patch: Patch, geometry: LandmarkGeometry, least: float, deepest: int | None = None) -> Proof:
+    """Whether the patch agrees with the drawing in enough cells, and with no rival as well; its correlation is the part
+    that agrees.
 
     Args:
         patch: At the map in question.
         geometry: Of the landmark.
         least: Part of the cells that must agree.
+        deepest: Rivals that differ in contours further inside are left to a nearer look; None: none are.
     """
     rivals = geometry.rivals(PSF_SIGMA_PX / patch.cell_px)
     drawings = rivals.averaged
@@ -107,24 +119,27 @@ def check_shaded(patch: Patch, geometry: LandmarkGeometry, least: float) -> tupl
         tells = seen & (contrast > MIN_CONTRAST_DN) & (grey < MUTE_DN)
     count = int(tells.sum())
     if count < 0.2 * int(geometry.judged.sum()):
-        return Rejection(Refusal.CONTRAST, f"{count} cells show black and white, the rest tells nothing"), 0.0
+        return Proof(Rejection(Refusal.CONTRAST, f"{count} cells show black and white, the rest tells nothing"), 0.0)
     place = (grey[tells] - levels.black[tells]) / contrast[tells]
     like = np.abs(place - drawings[:, tells]) < LIKE
     share = float(like[0].mean())
     if share < least:
         text = f"{share * 100:.0f}% of it is as drawn in its own light, under {least * 100:.0f}%"
-        return Rejection(Refusal.CORRELATION, text), share
+        return Proof(Rejection(Refusal.CORRELATION, text), share)
     differs = np.abs(drawings[:, tells] - drawings[0, tells]) > TELLS
     would = differs.sum(axis=1)
     ours, theirs = (differs & like[0] & ~like).sum(axis=1), (differs & ~like[0] & like).sum(axis=1)
     wrong = ours < np.maximum(ODDS * theirs, PART * would)
     wrong = np.where(would < FEWEST, rivals.must_differ, wrong)
     wrong[0] = False
+    if deepest is not None:
+        wrong &= rivals.contour <= deepest
     if wrong.any():
         k = int(np.flatnonzero(wrong)[0])
         text = (
             f"could as well be the landmark {rivals.names[k]}: of {would[k]} cells that would tell "
             f"{ours[k]} are as drawn, {theirs[k]} the other way"
         )
-        return Rejection(Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION, text), share
-    return None, share
+        refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
+        return Proof(Rejection(refusal, text), share)
+    return Proof(None, share)

@@ -6,10 +6,12 @@ import pytest
 from app.vision.agreement import check_agreement
 from app.vision.align import align
 from app.vision.candidates import confirm_large, confirm_small
-from app.vision.evidence import check_aligned, check_contours, check_edges, check_sandwiched, heading_is_open
-from app.vision.patch import rectify
+from app.vision.evidence import check_contours, check_edges, check_sandwiched, heading_is_open
+from app.vision.patch import near_view, rectify
+from app.vision.picture import check_picture
 from app.vision.refine import fit_edges
 from app.vision.refusal import Refusal, Rejection
+from app.vision.shading import check_shaded, local_levels
 
 T3, T4, S5 = 2, 3, 4
 REACHES_PX = (3.0, 2.5, 2.2)
@@ -26,9 +28,9 @@ def at_side(scene, side_px):
 
 
 def picture(maps, scene, side_px, quarters=0, **drawn):
-    """An alignment from the true map, turned by quarters."""
+    """The patch aligned from the true map, turned by quarters."""
     view = at_side(scene, side_px)
-    return align(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view) @ turn(quarters))
+    return align(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view) @ turn(quarters)).patch
 
 
 def edges(maps, scene, side_px, quarters=0, **drawn):
@@ -47,15 +49,15 @@ def places(maps, scene, side_px, quarters=0, **drawn):
 # ------------------------------------------------------------------------------------------------- small: as a picture
 @pytest.mark.parametrize("side_px", [12, 18, 30, 55])
 def test_picture_of_the_landmark_is_accepted(scene, maps, side_px):
-    refused, correlation = check_aligned(picture(maps, scene, side_px), maps.geometry)
-    assert refused is None, refused
-    assert correlation > 0.95
+    proof = check_picture(picture(maps, scene, side_px), maps.geometry)
+    assert proof.rejection is None, proof.rejection
+    assert proof.correlation > 0.95
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
 @pytest.mark.parametrize("side_px", [18, 30, 55])
 def test_picture_of_the_landmark_turned_is_refused(scene, maps, side_px, quarters):
-    refused, _ = check_aligned(picture(maps, scene, side_px, quarters), maps.geometry)
+    refused = check_picture(picture(maps, scene, side_px, quarters), maps.geometry).rejection
     assert refused.test in {Refusal.CORRELATION, Refusal.HEADING}
     assert "correlation" in refused.text or "turned" in refused.text
 
@@ -63,14 +65,14 @@ def test_picture_of_the_landmark_turned_is_refused(scene, maps, side_px, quarter
 @pytest.mark.parametrize("side_px", [24, 36, 55])
 def test_picture_with_its_triangles_upside_down_is_refused(scene, maps, changed, side_px):
     decoy = changed(upside_down=(T3, T4))
-    refused, _ = check_aligned(picture(maps, scene, side_px, polygons=decoy), maps.geometry)
+    refused = check_picture(picture(maps, scene, side_px, polygons=decoy), maps.geometry).rejection
     assert refused.test in {Refusal.CORRELATION, Refusal.INNER_CORRELATION, Refusal.HEADING}
 
 
 @pytest.mark.parametrize("side_px", [45, 55])
 def test_picture_without_the_innermost_square_is_refused_for_that(scene, maps, changed, side_px):
     decoy = changed(without=(S5,))
-    refused, _ = check_aligned(picture(maps, scene, side_px, polygons=decoy), maps.geometry)
+    refused = check_picture(picture(maps, scene, side_px, polygons=decoy), maps.geometry).rejection
     assert refused.test in {Refusal.CORRELATION, Refusal.INNER_CORRELATION}
 
 
@@ -85,7 +87,7 @@ def test_picture_of_two_squares_is_refused(scene, maps, changed, side_px):
 def test_faint_picture_is_refused_for_its_contrast(scene, maps):
     zone, *contours = scene.polygons()
     faint = [(corners, 110.0 + (grey - 110.0) * 0.03) for corners, grey in [zone, *contours]]
-    refused, _ = check_aligned(picture(maps, scene, 40, polygons=faint, noise=0.5), maps.geometry)
+    refused = check_picture(picture(maps, scene, 40, polygons=faint, noise=0.5), maps.geometry).rejection
     assert refused.test is Refusal.CONTRAST
     assert "contrast" in refused.text
 
@@ -141,40 +143,84 @@ def test_large_decoy_is_refused_from_the_true_map_on(scene, maps, changed, side_
 # --------------------------------------------------------------------------------------------------- place by place
 @pytest.mark.parametrize("side_px", [40, 80, 110])
 def test_places_of_the_landmark_agree(scene, maps, side_px):
-    refused, share = check_agreement(places(maps, scene, side_px), maps.geometry)
-    assert refused is None, refused
-    assert share > 0.8
+    proof = check_agreement(places(maps, scene, side_px), maps.geometry)
+    assert proof.rejection is None, proof.rejection
+    assert proof.correlation > 0.8
 
 
 @pytest.mark.parametrize("side_px", [60, 110])
 def test_places_of_the_landmark_under_a_deep_shadow_agree(scene, maps, side_px):
     shaded = places(maps, scene, side_px, light=lambda p: np.where(p[..., 0] > 0.4 * p[..., 1], 1.0, 0.3))
-    refused, _ = check_agreement(shaded, maps.geometry)
-    assert refused is None, refused
+    assert check_agreement(shaded, maps.geometry).rejection is None
 
 
+def inside(maps, scene, side_px, **drawn):
+    """A patch at the true map of what lies inside the second contour, and its geometry."""
+    view = at_side(scene, side_px)
+    near, matrix = near_view(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view), T3)
+    return rectify(near, matrix), near.geometry
+
+
+TESTS = {
+    "in windows": check_agreement,
+    "in its own light": lambda patch, geometry: check_shaded(patch, geometry, 0.6),
+}
+
+
+@pytest.mark.parametrize("check", TESTS.values(), ids=TESTS)
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_places_of_the_landmark_turned_are_refused_for_that(scene, maps, quarters):
-    refused, _ = check_agreement(places(maps, scene, 80, quarters), maps.geometry, least=0.2)
-    assert refused.test in {Refusal.HEADING, Refusal.INNER_CORRELATION}
-    assert "turned by" in refused.text or "inside is as drawn" in refused.text
+def test_places_of_the_landmark_turned_are_refused(scene, maps, quarters, check):
+    assert check(places(maps, scene, 80, quarters), maps.geometry).rejection is not None
 
 
-def test_places_that_suit_a_triangle_upside_down_are_refused_by_its_name(scene, maps, changed):
-    decoy = places(maps, scene, 80, polygons=changed(upside_down=(T3,)))
-    refused, _ = check_agreement(decoy, maps.geometry, least=0.2)
-    assert refused.test is Refusal.INNER_CORRELATION
-    assert "T3 upside down" in refused.text or "inside is as drawn" in refused.text
+@pytest.mark.parametrize("check", TESTS.values(), ids=TESTS)
+@pytest.mark.parametrize(
+    "light", [None, lambda p: np.where(p[..., 0] > 0.4 * p[..., 1], 1.0, 0.35)], ids=["", "shadow"]
+)
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        {"upside_down": (T3,)},
+        {"upside_down": (T3, T4)},
+        {"upside_down": (T4,)},
+        {"without": (T4, S5)},
+        {"without": (S5,)},
+    ],
+    ids=str,
+)
+def test_places_of_another_drawing_inside_are_refused(scene, maps, changed, drawn, light, check):
+    refused = check(*inside(maps, scene, 80, polygons=changed(**drawn), light=light)).rejection
+    assert refused.test in {Refusal.INNER_CORRELATION, Refusal.CORRELATION}
+
+
+@pytest.mark.parametrize("side_px", [50, 80, 110])
+def test_inside_of_the_landmark_under_a_deep_shadow_is_as_drawn_in_its_own_light(scene, maps, side_px):
+    light = lambda p: np.where(p[..., 0] > 0.4 * p[..., 1], 1.0, 0.3)  # noqa: E731  # a light is a function
+    proof = check_shaded(*inside(maps, scene, side_px, light=light), 0.8)
+    assert proof.rejection is None, proof.rejection
+    assert proof.correlation > 0.9
 
 
 def test_places_of_two_squares_are_refused_for_a_heading_that_is_open(scene, maps, changed):
     decoy = places(maps, scene, 80, polygons=changed(without=(T3, T4, S5)))
-    refused, _ = check_agreement(decoy, maps.geometry, least=0.2)
+    refused = check_agreement(decoy, maps.geometry).rejection
     assert refused.test in {Refusal.HEADING, Refusal.INNER_CORRELATION}
     assert "turned by" in refused.text or "inside is as drawn" in refused.text
 
 
+def test_levels_keep_to_their_side_of_a_shadows_edge():
+    """A board of black and white squares of three cells, lit on the left by 1, on the right by 0.4."""
+    row, column = np.indices((32, 32))
+    white = ((row // 3 + column // 3) % 2).astype(np.float64)
+    lit = np.where(column < 16, 1.0, 0.4)
+    levels = local_levels((20.0 + 180.0 * white) * lit, white, np.ones((32, 32), bool))
+    # Three cells off the edge the majority of a window of nine is on the cell's own side.
+    far = np.abs(column - 15.5) > 3
+    np.testing.assert_allclose(levels.white[far], (200.0 * lit)[far])
+    np.testing.assert_allclose(levels.black[far], (20.0 * lit)[far])
+
+
 def test_places_of_the_lawn_are_refused(scene, maps):
-    refused, share = check_agreement(places(maps, scene, 80, polygons=[]), maps.geometry)
-    assert refused is not None
-    assert share < 0.4
+    proof = check_agreement(places(maps, scene, 80, polygons=[]), maps.geometry)
+    assert proof.rejection is not None
+    assert proof.correlation < 0.4
