@@ -157,7 +157,7 @@ class VisionConfig(Section):
     wide_to: int = Field(default=240, ge=1, le=254)
     wide_step: int = Field(default=10, ge=1, le=128)
     wide_sweeps_before_lost: int = Field(default=2, ge=1, le=100)
-    min_side_px: float = Field(default=10.0, ge=4, le=200, description="shortest side of the outermost seen contour")
+    min_side_px: float = Field(default=10.0, ge=4, le=200, description="shortest side of the outermost contour")
     min_score: float = Field(default=0.6, ge=0, le=1)
 
 

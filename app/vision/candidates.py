@@ -195,7 +195,10 @@ def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None) -> Found 
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
         refused = check_in_places(rectify(near, matrix), near.geometry, MIN_SHADED_INSIDE).rejection
-    return _found(fit, score, look, view) if refused is None else refused
+    if refused is not None:
+        return refused
+    proven = None if inside is None or inside.rejection is not None else first
+    return _found(fit, score, look, view, proven)
 
 
 def _look(fit: EdgeFit, view: View) -> Patch:
@@ -231,11 +234,14 @@ def _prove_inside(fit: EdgeFit, first: int, view: View) -> Proof | None:
     return check_picture(aligned.patch, near.geometry)
 
 
-def _found(fit: EdgeFit, score: float, look: Patch, view: View) -> Found | Rejection:
-    """What was confirmed, with the contours that are whole enough."""
+def _found(fit: EdgeFit, score: float, look: Patch, view: View, proven: int | None = None) -> Found | Rejection:
+    """What was confirmed, with the contours that are whole enough, or proven by the picture from one on."""
     edges = fit.edges
     share = edges.confirmed / np.maximum(edges.in_view, 1)
-    run = _longest_run((share >= CONTOUR_SHARE) & (edges.in_view > 0))
+    whole = (share >= CONTOUR_SHARE) & (edges.in_view > 0)
+    if proven is not None:
+        whole[proven:] = True
+    run = _longest_run(whole)
     run = _visible(fit.rays_from_pad, run, view)
     if len(run) < 2:
         return Rejection(Refusal.CODE, f"{len(run)} contour is whole enough, under 2")

@@ -22,12 +22,14 @@ from app.messages import Detection, Frame, Image, PlaneFit, SeenContour
 from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
 from app.vision.candidates import (
+    SHADED_MIN_PX,
     SMALL_PX,
     Candidate,
     Found,
     confirm,
     confirm_large,
     confirm_partial,
+    confirm_shaded,
     confirm_small,
     examine,
     follow_large,
@@ -50,7 +52,7 @@ from app.vision.preprocess import (
     whole,
 )
 from app.vision.refine import FINE_REACH_PX
-from app.vision.refusal import Rejection
+from app.vision.refusal import Refusal, Rejection
 from app.vision.threshold import ThresholdState, after_miss, after_success, ladder, threshold_now
 
 ROI_MARGIN_PX = 32
@@ -181,13 +183,15 @@ class Detector:
         view = View(grey, (0, 0), self.geometry, self.lens)
         attempt = self._still(view) if still else self._next(view, frame.t_capture_s, predicted_px)
         self.attempt = attempt
-        roi = None if attempt.region == whole(grey) else attempt.region
         found = attempt.found
+        roi = None if attempt.region == whole(grey) else attempt.region
         if found is None:
             return Detection(
                 frame.t_capture_s, frame.sequence, reason=attempt.reason, threshold=attempt.threshold, roi_px=roi
             )
         corners = found.corners_px(view)
+        if attempt.how == FOLLOWED:
+            roi = self._surrounding(corners[0], found.side_px)
         return Detection(
             frame.t_capture_s,
             frame.sequence,
@@ -208,23 +212,30 @@ class Detector:
         for nest in nests(prepared, tree, self.geometry, self.lens, config.min_side_px)[:MAX_NESTS]:
             found, looked_at = examine(nest, view, config.min_side_px)
             candidates += looked_at
-            if found is not None:
+            if found is not None and found.side_px >= config.min_side_px:
                 return Attempt(how, prepared.region, level, binary, tuple(candidates), found)
         if self.geometry.landmark.contours[0].shape is Shape.SQUARE:
             for maps, box in blobs(tree, prepared, view):
-                result = confirm(maps, range(2), view)
+                result = self._large_enough(confirm(maps, range(2), view))
                 refused = result if isinstance(result, Rejection) else None
                 candidates.append(Candidate((box,), "small", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         for side in sides(tree, prepared, view) if thorough else ():
             for k, start in readings(side, self.geometry):
-                result = confirm_partial(start, k, view)
+                result = self._large_enough(confirm_partial(start, k, view))
                 refused = result if isinstance(result, Rejection) else None
                 candidates.append(Candidate((side.outline_px,), "side", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         return Attempt(how, prepared.region, level, binary, tuple(candidates), None)
+
+    def _large_enough(self, found: Found | Rejection) -> Found | Rejection:
+        """What was found, unless its outer side is shorter than it may be."""
+        if isinstance(found, Rejection) or found.side_px >= self.config.min_side_px:
+            return found
+        text = f"side {found.side_px:.1f} px, under {self.config.min_side_px:.1f} px"
+        return Rejection(Refusal.TOO_SMALL, text)
 
     def _by_level(self, view: View, prepared: Prepared, level: int, thorough: bool = True) -> Attempt:
         """At one grey level."""
@@ -325,10 +336,14 @@ class Detector:
         for k, matrix in enumerate(maps):
             if track.side_px < SMALL_PX:
                 found = confirm_small(matrix, view, TRACK_STEPS, before)
+                if isinstance(found, Rejection) and track.side_px >= SHADED_MIN_PX:
+                    second = confirm_shaded(matrix, view)
+                    found = second if isinstance(second, Found) else found
             elif before is not None and k == 0:
                 found = follow_large(matrix, view, before)
             else:
                 found = confirm_large(matrix, everything, view, WIDE_REACHES_PX)
+            found = self._large_enough(found)
             if isinstance(found, Found):
                 return Attempt(FOLLOWED, whole(view.image), 0, None, (), found)
             candidates.append(Candidate((), FOLLOWED, found))
@@ -382,10 +397,14 @@ class Detector:
         width, height = self.lens.size_px
         if not seen.all():
             return 0, 0, width, height
-        low, high = np.clip(px.min(axis=0), -1e4, 1e4), np.clip(px.max(axis=0), -1e4, 1e4)
-        box: Region = (int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1)
-        region = grow(box, ROI_MARGIN_PX + ROI_MARGIN_PART * side_px, (width, height))
+        region = self._surrounding(px, side_px)
         return region if region[2] - region[0] > 16 and region[3] - region[1] > 16 else (0, 0, width, height)
+
+    def _surrounding(self, corners_px: Array, side_px: float) -> Region:
+        """The region round a contour's corners (k, 2) in which it was followed."""
+        low, high = np.clip(corners_px.min(axis=0), -1e4, 1e4), np.clip(corners_px.max(axis=0), -1e4, 1e4)
+        box: Region = (int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1)
+        return grow(box, ROI_MARGIN_PX + ROI_MARGIN_PART * side_px, self.lens.size_px)
 
     def _carry_over(self, view: View, found: Found, t_s: float, followed: bool) -> None:
         """What the next frame begins with."""

@@ -8,7 +8,12 @@ from app.errors import ImageError
 from app.landmark import ContourSpec, Shape, build_landmark
 from app.messages import Frame
 from app.vision.camera_model import lens_from_config
+from app.vision.candidates import examine
+from app.vision.contours import contour_tree, nests
 from app.vision.detector import Detector
+from app.vision.patch import View
+from app.vision.preprocess import binarise, prepare, whole
+from app.vision.refusal import Refusal
 
 SIX = build_landmark(
     "six",
@@ -230,14 +235,19 @@ def test_square_in_square_is_refused_for_the_triangle_it_lacks(scene):
     assert found.reason.startswith("T3 is not as drawn")
 
 
-def test_attempt_names_a_wrong_area_ratio_with_its_limits(scene):
+def test_nest_with_a_wrong_area_ratio_is_refused_with_its_limits(scene):
     polygons = scene.polygons()
     smaller = (polygons[2][0] * 0.62, polygons[2][1])
     image = scene.draw(scene.view(1.0), polygons=[polygons[0], polygons[1], smaller], lawn=False)
     seeing = detector(scene, scene.fisheye)
-    assert not seeing.detect(frame(image), still=True).detected
+    prepared = prepare(image, whole(image))
+    tree = contour_tree(binarise(prepared.smooth, 60))
+    (nest,) = nests(prepared, tree, seeing.geometry, seeing.lens, 10.0)
+    found, looked_at = examine(nest, View(image, (0, 0), seeing.geometry, seeing.lens), 10.0)
+    (named,) = [c.rejection.text for c in looked_at if c.rejection.test is Refusal.AREA_RATIO]
     # The true ratio is 2 / 0.62^2 = 5.2; the drawn one is 2, and limits are on both sides of it.
-    (named,) = [r for r in reasons(seeing) if r.startswith("area ratio S1:S2 5.")]
+    assert found is None
+    assert named.startswith("area ratio S1:S2 5.")
     low, high = (float(x) for x in named.split("outside ")[1].split(".."))
     assert 1.0 < low < 2.0 < high < 4.0
 
