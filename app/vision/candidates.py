@@ -7,7 +7,7 @@ finders; what confirms it is the same for all. Small landmarks are fitted as a p
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
     MIN_CONTRAST,
+    MIN_SHARE,
     check_contours,
     check_edges,
     check_rectified,
@@ -54,6 +55,9 @@ SAME = 0.985
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
+BLINDED = 0.35
+"""Part of what lies inside the second contour that is saturated, from which the frame before vouches for it."""
+BLIND_POINTS = 30
 MIN_SHADED, MIN_SHADED_INSIDE = 0.88, 0.8
 """Part of the cells that must be as drawn in their own light, of the whole and inside the second contour."""
 NEAR_MIN_PX = 24.0
@@ -82,6 +86,7 @@ class Found:
         level: Grey half way from black to white.
         share: Part of the edge points in view that is confirmed, 1 for a small landmark.
         look: The picture of it, or of what lies inside its second contour.
+        blind: Whether glare hides what lies inside: its heading is that of the frame before.
     """
 
     rays_from_pad: Array
@@ -93,6 +98,7 @@ class Found:
     level: float
     share: float
     look: Patch
+    blind: bool = False
 
     def corners_px(self, view: View) -> list[Array]:
         """For each contour found (k, 2), in the landmark's order."""
@@ -161,7 +167,7 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
     return judge_edges(fit, view)
 
 
-def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None) -> Found | Rejection:
+def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None, led: bool = False) -> Found | Rejection:
     """A fit by its edges, confirmed or refused.
 
     Args:
@@ -169,7 +175,48 @@ def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None) -> Found 
         view: What it was made on.
         before: Its look when it was confirmed in the frame before: if its edges are nearly all there and it looks the
             same, that is enough.
+        led: The map comes from the frame before: where glare hides what lies inside, the outer contours are enough.
     """
+    found = _judge_edges(fit, view, before)
+    if isinstance(found, Rejection) and led and _is_blinded(fit, view):
+        look = _look(fit, view)
+        return replace(_outer(fit, look), blind=True)
+    return found
+
+
+def _is_blinded(fit: EdgeFit, view: View) -> bool:
+    """Whether the outer contours are there, but most of what lies inside is saturated."""
+    edges = fit.edges
+    if check_edges(edges) is not None or len(edges.in_view) < 3:
+        return False
+    if int(edges.confirmed[:2].sum()) < max(BLIND_POINTS, MIN_SHARE * int(edges.in_view[:2].sum())):
+        return False
+    near, matrix = near_view(view, fit.rays_from_pad, 2)
+    look = rectify(near, matrix)
+    if look.clipped is None:
+        return False
+    cells = near.geometry.cells(None)
+    return float((look.clipped | ~look.seen.ravel())[cells].mean()) > BLINDED
+
+
+def _outer(fit: EdgeFit, look: Patch) -> Found:
+    """The two outer contours."""
+    edges = fit.edges
+    return Found(
+        fit.rays_from_pad,
+        fit.information,
+        edges.scatter_px,
+        range(2),
+        edges.share,
+        edges.side_px,
+        edges.level,
+        edges.share,
+        look,
+    )
+
+
+def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Rejection:
+    """As judge_edges, without a lead."""
     geometry, edges = view.geometry, fit.edges
     refused = check_edges(edges) or check_sandwiched(edges, geometry)
     if refused is not None:
@@ -261,8 +308,9 @@ def check_in_places(patch: Patch, geometry: LandmarkGeometry, shaded: float, dee
     return windows
 
 
-def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
-    """A small landmark that a shadow or a cover crosses: fit the edges of its outer contours, and judge place by place.
+def confirm_shaded(rays_from_pad: Array, view: View, led: bool = False) -> Found | Rejection:
+    """A small landmark that a shadow or a cover crosses: fit the edges of its outer contours, and judge place by place;
+    led as for judge_edges.
 
     The picture as a whole can't be aligned then.
     """
@@ -270,10 +318,12 @@ def confirm_shaded(rays_from_pad: Array, view: View) -> Found | Rejection:
     fit = fit_edges(
         view.image, rays_from_pad, view.geometry, view.lens, run, SHADED_REACHES_PX, view.origin, alone=True
     )
-    return Rejection(Refusal.SIDES, "its sides don't hold the drawing") if fit is None else judge_edges(fit, view)
+    if fit is None:
+        return Rejection(Refusal.SIDES, "its sides don't hold the drawing")
+    return judge_edges(fit, view, led=led)
 
 
-def follow_large(rays_from_pad: Array, view: View, before: Patch) -> Found | Rejection:
+def follow_large(rays_from_pad: Array, view: View, before: Patch | None) -> Found | Rejection:
     """A large landmark where it is expected by the frame before, to a pixel or two; before is its look there."""
     geometry = view.geometry
     everything = range(len(geometry.landmark.contours))

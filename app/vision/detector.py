@@ -68,6 +68,8 @@ WIDE_REACHES_PX = (9.0, 4.0, FINE_REACH_PX)
 FOLLOWED = "followed"
 PROVE_EACH = 15
 """Frames: each half second."""
+BLIND_MOST = 30
+"""Frames: a second."""
 TRACK_STEPS = 3
 TRACK_MISSES = 5
 """So many frames the landmark is sought where it was."""
@@ -123,6 +125,7 @@ class Track:
         misses: Frames since.
         look: Its picture there.
         followed: Frames in which it was followed since it was last searched for.
+        blind: Frames since its inside was last seen.
     """
 
     rays_from_pad: Array
@@ -132,6 +135,7 @@ class Track:
     look: Patch
     misses: int = 0
     followed: int = 0
+    blind: int = 0
 
 
 class Detector:
@@ -333,16 +337,17 @@ class Detector:
         maps = self._expected(track, t_s, predicted_px)
         # Now and then a landmark that is followed is told from its rivals anew.
         before = track.look if track.misses == 0 and track.followed % PROVE_EACH != 0 else None
+        led = track.misses == 0 and track.blind < BLIND_MOST
         for k, matrix in enumerate(maps):
             if track.side_px < SMALL_PX:
                 found = confirm_small(matrix, view, TRACK_STEPS, before)
-                if isinstance(found, Rejection) and track.side_px >= SHADED_MIN_PX:
-                    second = confirm_shaded(matrix, view)
-                    found = second if isinstance(second, Found) else found
-            elif before is not None and k == 0:
+            elif led and k == 0:
                 found = follow_large(matrix, view, before)
             else:
                 found = confirm_large(matrix, everything, view, WIDE_REACHES_PX)
+            if isinstance(found, Rejection) and k == 0 and track.side_px >= SHADED_MIN_PX:
+                second = confirm_shaded(matrix, view, led)
+                found = second if isinstance(second, Found) else found
             found = self._large_enough(found)
             if isinstance(found, Found):
                 return Attempt(FOLLOWED, whole(view.image), 0, None, (), found)
@@ -418,5 +423,6 @@ class Detector:
             motion = np.array([[size, turn, moved[0, 2]], [-turn, size, moved[1, 2]], [0.0, 0.0, 0.0]])
             motion /= t_s - track.t_s
         count = track.followed + 1 if followed and track is not None else 0
-        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px, found.look, followed=count)
+        blind = track.blind + 1 if found.blind and track is not None else 0
+        self.track = Track(found.rays_from_pad, motion, t_s, found.side_px, found.look, followed=count, blind=blind)
         self.last = view, found.rays_from_pad
