@@ -450,18 +450,7 @@ def confirm_partial(start: Array, contour: int, view: View) -> Found | Rejection
     seen, confirmed = int(fit.edges.in_view[contour]), int(fit.edges.confirmed[contour])
     if confirmed < max(PARTIAL_POINTS, PARTIAL_SHARE * seen):
         return Rejection(Refusal.NOT_CONVEX, f"{confirmed} of {seen} points on the sides of {name} are there")
-    turns = geometry.turns_about(contour)
-    ordered = _by_picture([fit.rays_from_pad @ turn for turn in turns], view)
-    nearest = Rejection(Refusal.SHAPE, "too little of it lies in the image")
-    for matrix, patch, _ in ordered[:2]:
-        if side_px(patch) < SMALL_PX:
-            continue
-        found = confirm_large(matrix, alone, view, reaches(patch))
-        if isinstance(found, Found):
-            return found
-        if found.test > nearest.test:
-            nearest = found
-    return nearest
+    return confirm([fit.rays_from_pad @ turn for turn in geometry.turns_about(contour)], alone, view)
 
 
 def _confirm_reading(nest: Nest, reading: Reading, view: View, min_side_px: float) -> Found | Rejection:
