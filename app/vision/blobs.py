@@ -41,11 +41,9 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
     low, high = 2.6 * SIDES_PX[0] / reduction, 4.4 * SIDES_PX[1] * grown / reduction
     black = tree.black_inside
     boxes: list[Array] = []
-    for k in np.flatnonzero((tree.length >= low) & (tree.length <= high)).tolist():
+    least = MIN_FILLED * (SIDES_PX[0] / reduction) ** 2
+    for k, area in _compact(tree, np.flatnonzero((tree.length >= low) & (tree.length <= high)), least):
         points = tree.points[k]
-        area = cv2.contourArea(points)
-        if area < MIN_COMPACT * len(points) ** 2:
-            continue
         quad = _quadrangle(points, area)
         if quad is None:
             continue
@@ -61,6 +59,23 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
         if len(boxes) == MAX_BLOBS:
             break
     return prepared.to_frame(np.stack(boxes)) if boxes else np.zeros((0, 4, 2))
+
+
+def _compact(tree: Tree, nodes: NDArray[np.intp], least: float) -> list[tuple[int, float]]:
+    """Those of the contours that fill their length well enough for a square, with their areas (shoelace formula), at
+    least so many squared pixels.
+    """
+    if not len(nodes):
+        return []
+    points = np.concatenate([tree.points[k] for k in nodes.tolist()])[:, 0].astype(np.int64)
+    ends = np.cumsum(tree.length[nodes])
+    starts = np.concatenate([[0], ends[:-1]])
+    after = np.arange(1, len(points) + 1)
+    after[ends - 1] = starts
+    x, y = points.T
+    area = 0.5 * np.abs(np.add.reduceat(x * y[after] - x[after] * y, starts))
+    good = area >= np.maximum(least, MIN_COMPACT * tree.length[nodes].astype(np.float64) ** 2)
+    return list(zip(nodes[good].tolist(), area[good].tolist(), strict=True))
 
 
 def _quadrangle(points: NDArray[np.int32], area: float) -> Array | None:

@@ -233,7 +233,8 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
     if inside is not None and inside.rejection is not None and inside.mimic:
         return inside.rejection
     unproven = inside is not None and inside.rejection is not None
-    if refused is not None and side_px(patch) < IN_PLACES_MAX_PX:
+    # A small one comes here when its picture as a whole failed: its few edges alone don't prove it.
+    if side_px(patch) < (SMALL_PX if refused is None else IN_PLACES_MAX_PX):
         unproven = side_px(patch) >= NEAR_MIN_PX
         proof = check_in_places(patch, geometry, MIN_SHADED, 2 if unproven and first is not None else None)
         refused, score = proof.rejection, proof.correlation

@@ -67,6 +67,7 @@ class Template:
         self.white, self.outside = drawings
         self.sigma_cells = sigma_cells
         self._slopes: tuple[Array, Array] | None = None
+        self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
 
     @cached_property
     def _derivatives(self) -> Array:
@@ -88,6 +89,16 @@ class Template:
         terms = [white, self.outside.ravel(), 0.5 * row_row.ravel(), 0.5 * column_column.ravel(), row_column.ravel()]
         bend = 4.0 * white * (1.0 - white) * inside
         return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
+
+    def at(self, cells: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Appearance (k, 9) of some cells, and the inverse (9, 9) of its held normal equations; kept for next time."""
+        kept = self._kept
+        if kept is None or not np.array_equal(kept[0], cells):
+            terms = self.appearance[cells]
+            held = terms.T @ terms + np.diag(1e-6 * len(cells) + self.hold)
+            kept = (cells, terms, np.asarray(np.linalg.inv(held), dtype=np.float64))
+            self._kept = kept
+        return kept[1], kept[2]
 
     @cached_property
     def hold(self) -> Array:
@@ -178,6 +189,7 @@ class Rivals:
         self.contour = np.array(contour)
         self.must_differ = np.array(must_differ)
         self.templates = templates
+        self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
 
     @cached_property
     def windows(self) -> Windows:
@@ -199,15 +211,18 @@ class Rivals:
 
         Args:
             values: (cells, k) k lists of greys.
-            cells: Where they are.
+            cells: Where they are; in most patches the same ones, whose part of the work is kept.
         """
-        terms = self._appearances[:, :, cells]
-        side = (terms.reshape(-1, len(cells)) @ values).reshape(len(terms), -1, values.shape[1])
-        normal = terms @ terms.transpose(0, 2, 1)
-        held = normal + np.diag(1e-6 * len(cells) + self.templates[0].hold)
-        solution = np.linalg.solve(held, side)
-        total = (values * values).sum(axis=0)
-        result: Array = total - 2.0 * (side * solution).sum(axis=1) + (solution * (normal @ solution)).sum(axis=1)
+        kept = self._kept
+        if kept is None or not np.array_equal(kept[0], cells):
+            terms = self._appearances[:, :, cells]
+            normal = terms @ terms.transpose(0, 2, 1)
+            inverse = np.linalg.inv(normal + np.diag(1e-6 * len(cells) + self.templates[0].hold))
+            kept = cells, terms.reshape(-1, len(cells)), inverse @ (2.0 * np.eye(len(normal[0])) - normal @ inverse)
+            self._kept = kept
+        _, rows, solved = kept
+        side = (rows @ values).reshape(len(solved), -1, values.shape[1])
+        result: Array = (values * values).sum(axis=0) - (side * (solved @ side)).sum(axis=1)
         return result
 
 
@@ -404,14 +419,14 @@ class LandmarkGeometry:
         own = [(c.corners_m, c.black) for c in self.landmark.contours]
         found = [("as drawn", 0, self._drawn(own))]
         for k, contour in enumerate(self.landmark.contours):
-            if k == 0:
-                continue
-            found.append((f"without {contour.name}", k, self._drawn(own[:k])))
             changes: list[tuple[str, Array]] = []
+            if k > 0:
+                found.append((f"without {contour.name}", k, self._drawn(own[:k])))
             if contour.shape is Shape.TRIANGLE:
                 changes.append(("upside down", 2.0 * contour.centroid_m - contour.corners_m))
+            if contour.shape is Shape.TRIANGLE or (k == 0 and len(own) > 1):
                 changes.append(("a disc", contour.centroid_m + _regular(24, contour.area_m2, 0.0)))
-            for word, factor in (("larger", 1.3), ("smaller", 0.7)):
+            for word, factor in (("larger", 1.3), ("smaller", 0.7)) if k > 0 else ():
                 changes.append((word, contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)))
             if contour is self.landmark.contours[-1]:
                 changes += [*_other_shapes(contour), *_other_places(contour)]

@@ -107,17 +107,15 @@ def _seen(patch: Patch, cells: NDArray[np.intp]) -> NDArray[np.intp]:
 
 def explain(grey: Array, template: Template, cells: NDArray[np.intp], clipped: NDArray[np.bool_] | None) -> Explained:
     """Fit a drawing's appearance to the grey (n,) of some cells, of which some (n,) may be saturated."""
-    terms = template.appearance[cells]
-    hold = 1e-6 * len(cells) + template.hold
-    counts = np.asarray(terms, dtype=np.float64)
-    model, solution = grey, np.zeros(terms.shape[1])
-    for _ in range(1 if clipped is None else CENSORED_ROUNDS):
-        normal = counts.T @ terms
-        normal.flat[:: len(normal) + 1] += hold
-        solution = np.asarray(np.linalg.solve(normal, counts.T @ grey), dtype=np.float64)
-        model = np.asarray(terms @ solution, dtype=np.float64)
-        if clipped is not None:
+    terms, inverse = template.at(cells)
+    solution = np.asarray(inverse @ (terms.T @ grey), dtype=np.float64)
+    model = np.asarray(terms @ solution, dtype=np.float64)
+    if clipped is not None:
+        for _ in range(CENSORED_ROUNDS):
             counts = np.where((clipped & (model >= grey))[:, None], 0.0, terms)
+            held = counts.T @ terms + np.diag(1e-6 * len(cells) + template.hold)
+            solution = np.asarray(np.linalg.solve(held, counts.T @ grey), dtype=np.float64)
+            model = np.asarray(terms @ solution, dtype=np.float64)
     shown = uncensored(grey, clipped, model)
     off = shown - model
     left = float(off @ off)
