@@ -33,6 +33,8 @@ ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
 PART = 0.2
 """And in this part of all the places that would tell the two apart."""
+DETAIL = 40
+"""A rival that differs in fewer places may be hidden by a cover altogether: it must not agree better, that is all."""
 MIN_CONTRAST_DN = 10.0
 
 
@@ -100,7 +102,8 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry, deepest: int | Non
     ours = (found.like[0] & ~found.like & where).sum(axis=(1, 2))
     theirs = (~found.like[0] & found.like & where).sum(axis=(1, 2))
     would = where.sum(axis=(1, 2))
-    least_of = np.maximum(ODDS * theirs, np.maximum(PART * would, np.where(rivals.must_differ, FEWEST, 0)))
+    least_of = np.where(would < DETAIL, 0.0, PART * would)
+    least_of = np.maximum(np.where(rivals.must_differ, np.maximum(least_of, FEWEST), least_of), ODDS * theirs)
     wrong = (ours < least_of) & ((would >= FEWEST) | rivals.must_differ)
     wrong[0] = False
     if deepest is not None:

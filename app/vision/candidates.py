@@ -239,6 +239,9 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
         proof = check_in_places(patch, geometry, MIN_SHADED, 2 if unproven and first is not None else None)
         refused, score = proof.rejection, proof.correlation
         first = 2
+    elif first is not None and first == len(geometry.points_of) - 1:
+        # Edges show all contours: what partly covers the innermost is seen in its surroundings.
+        first = max(2, first - 2)
     if refused is None and unproven and first is not None:
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
