@@ -29,6 +29,8 @@ MUTE_DN = 250.0
 MIN_AGREE = 0.5
 """Part of the places that must agree."""
 FEWEST = 20
+FEWEST_TO_WIN = 12
+"""Places that suit a rival alone, from which it is what the picture shows."""
 ODDS = 2.5
 """The drawing must agree in so many times the places where a rival agrees and it doesn't."""
 PART = 0.2
@@ -114,7 +116,7 @@ def check_agreement(patch: Patch, geometry: LandmarkGeometry, deepest: int | Non
             f"could as well be the landmark {rivals.names[k]}: of {would[k]} places that would tell "
             f"{ours[k]} agree with the one alone, {theirs[k]} with the other"
         )
-        mimic = bool((wrong & (theirs > np.maximum(FEWEST, ODDS * ours))).any())
+        mimic = bool((wrong & (theirs > np.maximum(FEWEST_TO_WIN, ODDS * ours))).any())
         refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
         return Proof(Rejection(refusal, text), share, mimic)
     return Proof(None, share)

@@ -27,6 +27,8 @@ NODES = 9
 is wrong by less than a hundredth of a pixel."""
 PATCH_EXTENT = 1.3
 """Its side, in sides of the outermost contour: the quiet zone shows, and a little of what lies round it."""
+INSIDE_TURNED_RAD = math.radians(20.0)
+"""A rival has all inside the second contour turned by so much."""
 JUDGED_EXTENT = 1.12
 """The middle part of it that is correlated: what lies beyond may be anything."""
 SURROUND = 8.0
@@ -433,6 +435,12 @@ class LandmarkGeometry:
             for name, corners in changes:
                 changed = [*own[:k], (corners, contour.black), *own[k + 1 :]]
                 found.append((f"with {contour.name} {name}", k, self._drawn(changed)))
+        if len(own) > 2:
+            for name, sign in (("clockwise", 1.0), ("counterclockwise", -1.0)):
+                c, s = math.cos(sign * INSIDE_TURNED_RAD), math.sin(sign * INSIDE_TURNED_RAD)
+                centre, turn = self.landmark.contours[2].centroid_m, np.array([[c, s], [-s, c]])
+                inside = [(centre + (corners - centre) @ turn, black) for corners, black in own[2:]]
+                found.append((f"with {self.landmark.contours[2].name} turned {name}", 2, self._drawn(own[:2] + inside)))
         return found
 
     def template(self, sigma_cells: float, variant: int = 0) -> Template:

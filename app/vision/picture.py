@@ -40,7 +40,7 @@ MARGIN = 0.15
 STRUCTURE, STRUCTURE_COSTS = 0.025, 10.0
 """What noise, blur and light leave unexplained, as a part of the contrast; and by how much more the margin grows for
 each part that is left beyond. Rendered landmarks leave 0.01 to 0.05, what resembles them 0.05 and more."""
-CLIPPED, CLIPPED_COSTS, CLIPPED_MOST = 0.3, 0.8, 0.25
+CLIPPED, CLIPPED_COSTS, CLIPPED_MOST = 0.3, 1.0, 0.35
 """The margin grows as well with the part of the picture that is saturated beyond this, which tells nothing."""
 MIMICS = 0.06
 """A rival that leaves less than this is what the picture shows."""
