@@ -49,6 +49,8 @@ PARTIAL_SHARE = 0.6
 EASY_PX = 3.2
 """A landmark whose edges were as near as this to where they were expected is followed in one step."""
 FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX)
+FOLLOWED_SHARE = 0.8
+"""With fewer of its edges found a fit may have settled beside it, and wider steps are due."""
 AGAIN_MIN = 0.95
 SAME = 0.985
 """Correlation of two looks, one frame apart, that show the same thing; noise alone takes 0.002 to 0.03 of it."""

@@ -9,8 +9,9 @@ small, cut off or covered. Each stage is a module of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -349,17 +350,18 @@ class Detector:
         # Now and then a landmark that is followed is told from its rivals anew.
         before = track.look if track.misses == 0 and track.followed % PROVE_EACH != 0 else None
         led = track.misses == 0 and track.blind < BLIND_MOST
+        ways: list[Callable[[], Found | Rejection]] = []
         for k, matrix in enumerate(maps):
             if track.side_px < SMALL_PX:
-                found = confirm_small(matrix, view, TRACK_STEPS, before)
-            elif led and k == 0:
-                found = follow_large(matrix, view, before)
-            else:
-                found = confirm_large(matrix, everything, view, WIDE_REACHES_PX)
-            if isinstance(found, Rejection) and k == 0 and track.side_px >= SHADED_MIN_PX:
-                second = confirm_shaded(matrix, view, led)
-                found = second if isinstance(second, Found) else found
-            found = self._large_enough(found)
+                ways.append(partial(confirm_small, matrix, view, TRACK_STEPS, before))
+                continue
+            if led and k == 0:
+                ways.append(partial(follow_large, matrix, view, before))
+            ways.append(partial(confirm_large, matrix, everything, view, WIDE_REACHES_PX))
+        if track.side_px >= SHADED_MIN_PX:
+            ways.append(partial(confirm_shaded, maps[0], view, led))
+        for way in ways:
+            found = self._large_enough(way())
             if isinstance(found, Found):
                 return Attempt(FOLLOWED, whole(view.image), 0, None, (), found)
             candidates.append(Candidate((), FOLLOWED, found))

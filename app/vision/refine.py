@@ -421,7 +421,7 @@ def fit_edges(
         _median(measured.level[good]),
         solved.scatter_px,
         moved,
-        2.0 * lines.unit_px,
+        2.0 * lines.unit_px * (1.0 + 0.5 * float(solved.d[0] + solved.d[4])),
         float(np.abs(_rigidity(matrix)[1]).max()),
     )
     return EdgeFit(matrix / scale, solved.information, edges)

@@ -186,3 +186,39 @@ def test_still_leaves_the_sequence_as_it_was(scene):
     assert seeing.track is track
     assert seeing.detect(second).detected
     assert seeing.attempt.how == "followed"
+
+
+def glaring(scene, view, image, radius):
+    """The image with a saturated disc over the middle of the landmark, so many outer sides in radius."""
+    corners = scene.corners_px(view, 0, scene.fisheye)
+    side = np.linalg.norm(corners[1] - corners[0])
+    v, u = np.indices(image.shape)
+    off = np.hypot(u - corners[:, 0].mean(), v - corners[:, 1].mean())
+    return np.where(off < radius * side, 255, image).astype(np.uint8)
+
+
+@pytest.mark.parametrize("height_m", [0.8, 1.6])
+def test_glare_over_the_inside_does_not_end_a_track_for_a_second(scene, height_m):
+    seeing, found = detector(scene, scene.fisheye), []
+    for k in range(40):
+        view = scene.view(height_m, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
+        image = scene.draw(view, seed=k)
+        found.append(seeing.detect(frame(image if k < 3 else glaring(scene, view, image, 0.33), k)))
+    assert [d.detected for d in found[:33]] == [True] * 33
+    assert found[20].code == "44"
+    # After a second of glare nothing vouches for the heading any more.
+    assert not any(d.detected for d in found[34:])
+
+
+def test_glare_over_the_inside_of_what_was_not_seen_before_is_refused(scene):
+    view = scene.view(0.8, forward_m=0.1, pad_yaw_deg=20)
+    seeing = detector(scene, scene.fisheye)
+    assert not seeing.detect(frame(glaring(scene, view, scene.draw(view), 0.33))).detected
+
+
+def test_side_shorter_than_the_limit_ends_a_track(scene):
+    seeing = detector(scene, scene.fisheye, min_side_px=40)
+    near, far = scene.draw(scene.view(2.0)), scene.draw(scene.view(2.1))
+    # 215 * 0.38 / 2.0 = 40.9 px, and 38.9.
+    assert seeing.detect(frame(near)).detected
+    assert not seeing.detect(frame(far, 1)).detected

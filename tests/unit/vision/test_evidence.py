@@ -7,7 +7,7 @@ from app.vision.agreement import check_agreement
 from app.vision.align import align
 from app.vision.candidates import confirm_large, confirm_small
 from app.vision.evidence import check_contours, check_edges, check_sandwiched, heading_is_open
-from app.vision.patch import near_view, rectify
+from app.vision.patch import near_view, rectify, resemblance
 from app.vision.picture import check_picture
 from app.vision.refine import fit_edges
 from app.vision.refusal import Refusal, Rejection
@@ -224,3 +224,29 @@ def test_places_of_the_lawn_are_refused(scene, maps):
     proof = check_agreement(places(maps, scene, 80, polygons=[]), maps.geometry)
     assert proof.rejection is not None
     assert proof.correlation < 0.4
+
+
+# ------------------------------------------------------------------------------------------------------ too much light
+@pytest.mark.parametrize("side_px", [26, 40])
+@pytest.mark.parametrize("gain", [1.6, 2.4])
+def test_picture_whose_white_is_saturated_is_accepted_and_measured(scene, maps, side_px, gain):
+    view = at_side(scene, side_px)
+    look = maps.look_at(scene.draw(view, gain=gain), scene.fisheye)
+    found = align(look, maps.off_by(view, 1.0, side_px))
+    assert found.patch.clipped.mean() > 0.2
+    assert check_picture(found.patch, maps.geometry).rejection is None
+    # Black is 25 times the gain, white more than can be seen.
+    assert found.contrast > 1.05 * (255 - 25 * gain)
+    assert maps.rms_px(found.rays_from_pad, view, scene.fisheye, [0]) < 0.25
+
+
+def test_looks_at_the_same_thing_resemble_each_other_in_any_even_light(scene, maps):
+    one, darker = places(maps, scene, 40), places(maps, scene, 40, gain=0.6)
+    assert resemblance(one, darker) > 0.99
+
+
+@pytest.mark.parametrize("drawn", [{"upside_down": (T3,)}, {"without": (T3, T4, S5)}], ids=str)
+def test_looks_at_other_drawings_do_not_resemble_the_landmark(scene, maps, changed, drawn):
+    before, _ = inside(maps, scene, 80)
+    now, _ = inside(maps, scene, 80, polygons=changed(**drawn))
+    assert resemblance(before, now) < 0.9
