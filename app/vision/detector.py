@@ -23,6 +23,7 @@ from app.messages import Detection, Frame, Image, PlaneFit, SeenContour
 from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
 from app.vision.candidates import (
+    FOLLOWED_SHARE,
     SHADED_MIN_PX,
     SMALL_PX,
     Candidate,
@@ -360,11 +361,17 @@ class Detector:
             ways.append(partial(confirm_large, matrix, everything, view, WIDE_REACHES_PX))
         if track.side_px >= SHADED_MIN_PX:
             ways.append(partial(confirm_shaded, maps[0], view, led))
+        best: Found | None = None
         for way in ways:
             found = self._large_enough(way())
-            if isinstance(found, Found):
-                return Attempt(FOLLOWED, whole(view.image), 0, None, (), found)
-            candidates.append(Candidate((), FOLLOWED, found))
+            if isinstance(found, Rejection):
+                candidates.append(Candidate((), FOLLOWED, found))
+            elif best is None or found.share > best.share:
+                best = found
+            if best is not None and best.share >= FOLLOWED_SHARE:
+                break
+        if best is not None:
+            return Attempt(FOLLOWED, whole(view.image), 0, None, (), best)
         return Attempt(FOLLOWED, whole(view.image), 0, None, tuple(candidates), None)
 
     def _settle_threshold(self) -> None:
