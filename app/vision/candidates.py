@@ -423,7 +423,10 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
     if not ordered:
         return Rejection(Refusal.SHAPE, "too little of it lies in the image")
     nearest: Rejection | None = None
+    outer = view.geometry.corners[view.geometry.slices[0]]
     for matrix, patch, _ in ordered[:2]:
+        if view.tried.knows(project_pad(matrix, outer, view.lens)[0]):
+            continue
         if side_px(patch) < SMALL_PX:
             found = confirm_small(matrix, view)
             if isinstance(found, Rejection) and side_px(patch) >= SHADED_MIN_PX:
@@ -435,8 +438,7 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
             return found
         if nearest is None or found.test > nearest.test:
             nearest = found
-    assert nearest is not None
-    return nearest
+    return nearest or Rejection(Refusal.NO_NEST, "the same was refused before")
 
 
 def confirm_partial(start: Array, contour: int, view: View) -> Found | Rejection:

@@ -6,7 +6,7 @@ It owns the sampling; what the patch says is judged in evidence and used in alig
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -22,7 +22,27 @@ FAR_OUT_PX = -1e4
 SATURATED_DN = 254
 """Grey level from which a pixel may stand for any brightness."""
 ROUNDING_DN = 5
+SAME_PX, SAME_PART = 0.4, 0.005
+"""Maps whose corners lie nearer than this, and this part of the side in addition, lead to the same fit."""
 _ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
+
+
+class Tried:
+    """Maps of one image that were refused: other thresholds lead to the same ones again and again."""
+
+    def __init__(self) -> None:
+        self._corners_px: list[Array] = []
+
+    def knows(self, corners_px: Array) -> bool:
+        """Whether a map with these corners (n, 2) of the outermost contour was tried, or one next to it; from now on it
+        was.
+        """
+        side_px = float(np.abs(corners_px - np.roll(corners_px, 1, axis=0)).max())
+        near = SAME_PX + SAME_PART * side_px
+        if any(float(np.abs(before - corners_px).max()) < near for before in self._corners_px):
+            return True
+        self._corners_px.append(corners_px)
+        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +54,14 @@ class View:
         origin: (u, v) of image[0, 0] in the frame.
         geometry: Of the landmark.
         lens: Of the camera.
+        tried: What was refused on it.
     """
 
     image: Image
     origin: tuple[int, int]
     geometry: LandmarkGeometry
     lens: Lens
+    tried: Tried = field(default_factory=Tried)
 
 
 def near_view(view: View, rays_from_pad: Array, first: int) -> tuple[View, Array]:
