@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -134,14 +134,21 @@ class Camera:
         cv2.divide(north, down, dst=north)
         cv2.divide(east, down, dst=east)
         pad = truth.pad
-        moved = (pad.north_m + shift_s * pad.vel_north_m_s, pad.east_m + shift_s * pad.vel_east_m_s)
         shifted = Truth(
             truth.t_s + shift_s,
             (float(position[0]), float(position[1]), float(position[2])),
             truth.vel,
             truth.q,
             truth.rates,
-            type(pad)(*moved, pad.down_m, pad.vel_north_m_s, pad.vel_east_m_s, pad.heading_rad, pad.deck_half_m),
+            replace(
+                pad,
+                north_m=pad.north_m + shift_s * pad.vel_north_m_s,
+                east_m=pad.east_m + shift_s * pad.vel_east_m_s,
+                down_m=pad.down_m + shift_s * pad.vel_down_m_s,
+                heading_rad=pad.heading_rad + shift_s * pad.heading_rate_rad_s,
+                roll_rad=pad.roll_rad + shift_s * pad.roll_rate_rad_s,
+                pitch_rad=pad.pitch_rad + shift_s * pad.pitch_rate_rad_s,
+            ),
         )
         return View(position + world_from_body @ self._position_body_m, world_from_cam, north, east, shifted)
 
