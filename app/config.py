@@ -18,7 +18,7 @@ from app.config_world import PadMotionConfig as PadMotionConfig
 from app.config_world import WorldConfig as WorldConfig
 from app.errors import ConfigError
 from app.landmark import ContourSpec, Landmark, Shape, build_landmark
-from app.sections import Section
+from app.sections import Section as Section
 
 Address = Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin|tcpout|serial|serial_flowcontrol)://\S+$")]
 Vector = tuple[float, float, float]
@@ -285,11 +285,19 @@ def read_config(path: Path, kind: type[S]) -> S:
     Raises:
         ConfigError: It names the file, each wrong key with its value and limit, and what to do.
     """
-    data = read_toml(path)
+    return checked(path, kind, read_toml(path))
+
+
+def checked(path: Path, kind: type[S], data: dict[str, Any], prefix: str = "") -> S:
+    """What a file of one kind says, checked; `prefix` stands before the keys in an error.
+
+    Raises:
+        ConfigError: It names the file, each wrong key with its value and limit, and what to do.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        faults = [_explain(kind, item) for item in error.errors()]
+        faults = [_explain(kind, item, prefix) for item in error.errors()]
         shown = " | ".join(faults[:4]) + (f" | and {len(faults) - 4} more" if len(faults) > 4 else "")
         raise ConfigError(f"{path}: {shown}", "mend the file") from None
 
@@ -322,10 +330,10 @@ def _without_unit(key: str) -> str:
     return "_".join(words)
 
 
-def _explain(kind: type[BaseModel], item: Any) -> str:
+def _explain(kind: type[BaseModel], item: Any, prefix: str) -> str:
     """One fault of a file in words."""
     location = item["loc"]
-    key = ".".join(str(part) for part in location)
+    key = prefix + ".".join(str(part) for part in location)
     if item["type"] == "extra_forbidden":
         keys = _keys_of(kind, location[:-1])
         wrong = str(location[-1])
