@@ -66,12 +66,12 @@ def paint_layer(
         light: What is there; changed.
         layer: What is painted.
         slopes: North and east per metre down of the piece's pixels.
-        scale: (2, 3) rows: forward and right on the pad are scale @ (north slope, east slope, 1).
-        per_pixel: One over what a pixel measures on the pad's plane, 1/m.
+        scale: (3, 3) View.on_plane of the pad.
+        per_pixel: One over what a pixel measures on the pad's plane, and over the depth of a tilted one, 1/m.
     """
     nearest, distance = np.empty_like(light), np.empty_like(light)
     for k, (a, b, c) in enumerate(layer.sides):
-        north, east, rest = (float(v) for v in a * scale[0] + b * scale[1] + np.array([0.0, 0.0, c]))
+        north, east, rest = (float(v) for v in a * scale[0] + b * scale[1] + c * scale[2])
         cv2.addWeighted(slopes[0], north, slopes[1], east, rest, dst=distance if k else nearest)
         if k:
             cv2.min(nearest, distance, dst=nearest)

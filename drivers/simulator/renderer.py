@@ -138,7 +138,7 @@ class Renderer:
         along = float(view.on_plane(lane)[0, 2])
         reach = 3.0 * max(1.0, view.height_m)
         for k in range(math.ceil((along - reach) / LANE_PERIOD_M), math.floor((along + reach) / LANE_PERIOD_M) + 1):
-            north, east = lane.world(np.array([[LANE_PERIOD_M * k, LANE_OFFSET_M]]))[0]
+            north, east, _ = lane.world(np.array([[LANE_PERIOD_M * k, LANE_OFFSET_M]]))[0]
             lay(light, self._camera, view, mark, Place(float(north), float(east), lane.heading_rad, 0.0))
 
     def _draw_van(self, light: Plane, view: View, van: Van) -> None:
@@ -153,7 +153,7 @@ class Renderer:
         top = 0.98 * van.body_height_m
         if view.height_m > top + 0.1:
             # The sides are the hull of the body's outline on the road, at the bonnet's height, and under the roof.
-            body = place.world(van.body) - view.position[:2]
+            body = place.world(van.body)[:, :2] - view.position[:2]
             low, middle, high = (body / (view.height_m - level) for level in (0.12, 0.55 * top, top))
             fill_hull(light, self._camera, view, np.vstack([low, middle, high[2:]]), SIDE)
         for panel in van.panels:
