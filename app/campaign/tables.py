@@ -9,8 +9,8 @@ from app.campaign.figures import CampaignFigures, ScenarioFigures, Spread
 
 HEADINGS = ("scenario", "landed", "95%", "error, cm", "speed, m/s", "time, s", "tries")
 LEGEND = (
-    "95%: Wilson's interval of the share that landed. Error of the vehicle's centre on the deck and speed relative to it "
-    "at first contact, time from the order to land to the motors' stop: half / 95% / all of the trials lie below. "
+    "95%: Wilson's interval of the share that landed. Error of the vehicle's centre on the deck and speed relative to "
+    "it at first contact, time from the order to land to the motors' stop: half / 95% / all of the trials lie below. "
     "Tries: mean / most."
 )
 WIDTH = 100

@@ -48,8 +48,8 @@ class Landscape:
         drawn = cv2.remap(fine, self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         gain, lift = self._broad(view, height_m)
         size = (lens.width, lens.height)
-        gain = cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR)
-        cv2.multiply(drawn, gain, dst=light, scale=FINE_STEP, dtype=cv2.CV_32F)
+        bright = cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR)
+        cv2.multiply(drawn, bright, dst=light, scale=FINE_STEP, dtype=cv2.CV_32F)
         if float(lift.max()) > 0.0:
             cv2.add(light, cv2.resize(lift, size, interpolation=cv2.INTER_LINEAR), dst=light)
         return light

@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-from cv2.typing import MatLike
 
 from drivers.simulator.decals import FULL, Decal, outline
 from drivers.simulator.print import Layer, paint_layer
@@ -97,7 +96,7 @@ def _per_pixel(north: Plane, east: Plane, angle: Plane, above_m: float, scale: A
     cv2.multiply(stretch, angle, dst=stretch)
     if scale[2][0] == 0.0 and scale[2][1] == 0.0:
         return np.asarray(cv2.divide(1.0 / above_m, stretch), dtype=np.float32)
-    depth = cv2.max(_linear(scale[2], north, east), 1e-3)
+    depth = np.clip(_linear(scale[2], north, east), 1e-3, None)
     return np.asarray(cv2.divide(cv2.sqrt(depth), stretch, scale=1.0 / above_m), dtype=np.float32)
 
 

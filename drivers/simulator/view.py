@@ -168,7 +168,7 @@ class Camera:
         north, east, down = self._planes
         for plane, row in zip(self._planes, world_from_cam, strict=True):
             _combine(self._rays, row, plane)
-        cv2.max(down, HORIZON, dst=down)
+        np.clip(down, HORIZON, 2.0, out=down)
         cv2.divide(north, down, dst=north)
         cv2.divide(east, down, dst=east)
         pad = truth.pad
