@@ -183,6 +183,9 @@ class GuidanceConfig(Section):
     climb_speed_m_s: float = Field(default=1.0, gt=0, le=5)
     descend_speed_m_s: float = Field(default=0.8, gt=0, le=3, description="inside the cone, high up")
     touchdown_speed_m_s: float = Field(default=0.6, gt=0, le=1.0, description="below the commit height")
+    press_speed_m_s: float = Field(
+        default=1.5, ge=0.3, le=3.0, description="sink that is asked for in contact: PX4 then takes its thrust off"
+    )
     yaw_rate_max_deg_s: float = Field(default=45.0, gt=0, le=180)
     align_yaw: bool = Field(default=True, description="turn to the pad's heading")
     actuation_delay_s: float = Field(default=0.2, ge=0, le=1, description="the track is predicted this far ahead")

@@ -18,6 +18,9 @@ class PadMotionConfig(Section):
     heading_deg: float = Field(default=0.0, ge=-360, le=360)
     speed_m_s: float = Field(default=0.0, ge=0, le=30)
     start_after_s: float = Field(default=0.0, ge=0, le=600, description="of flight above 1 m, before it drives off")
+    start_near_m: float | None = Field(
+        default=None, gt=0, le=1000, description="only flight this near to the pad counts for that; none: any does"
+    )
     acceleration_m_s2: float = Field(default=1.0, gt=0, le=10)
     deck_m: float = Field(default=1.2, gt=0, le=20, description="side of the square that can be landed on")
     carrier: Literal["van", "boat"] = Field(default="van", description="what a pad above the ground stands on")

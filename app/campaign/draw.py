@@ -127,6 +127,7 @@ def _motion(scenario: Scenario, draws: _Draws, start: dict[str, float]) -> PadMo
         north_m=start["distance_m"] * math.cos(bearing),
         east_m=start["distance_m"] * math.sin(bearing),
         carrier=scenario.pad.carrier,
+        start_near_m=scenario.pad.start_near_m,
         speed_m_s=pad["speed_km_h"] / KM_H,
         bend_radius_m=side * pad["bend_radius_m"],
         brake_after_s=pad["brake_after_s"] if scenario.pad.brakes else None,

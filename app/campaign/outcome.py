@@ -10,8 +10,14 @@ from app.wiring_virtual import Contact
 
 SPEED_MAX_M_S = 1.0
 """Relative to the deck at first contact: above it a touchdown counts as a crash."""
-FLY_AWAY_M = 60.0
-"""So far from the pad and from home at once, with the motors running: nobody asked it to go there."""
+FLY_AWAY_M_S = 2.0
+"""A vehicle that still flies so fast when its mission is over and had the time to stop is on its way to nowhere."""
+FLY_AWAY_HEIGHT_M = 45.0
+"""So high it is on its way too: safety.height_max_m and PX4's return height are 30 m."""
+
+
+AT_REST = frozenset({Phase.HOLD, Phase.IDLE})
+"""Phases in which a mission is over and the vehicle should stand in the air."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +66,8 @@ class Ending:
         words: The mission's own reason for being there.
         armed: The motors are armed.
         timed_out: Its time was up.
-        away_m: Distance of the vehicle from the pad or from home, whichever is less.
+        speed_m_s: Of the vehicle over the ground.
+        height_m: Of the vehicle over the ground.
     """
 
     contacts: tuple[Contact, ...]
@@ -68,7 +75,8 @@ class Ending:
     words: str
     armed: bool
     timed_out: bool
-    away_m: float
+    speed_m_s: float
+    height_m: float
 
 
 def touchdown_of(contacts: tuple[Contact, ...]) -> Contact | None:
@@ -88,8 +96,10 @@ def failure_of(ending: Ending, deck_tilt_max_deg: float) -> str | None:
             return f"landed off the pad: {contact.error_m:.2f} m from its centre"
         if contact.impact_m_s > SPEED_MAX_M_S:
             return f"crash: touched down at {contact.impact_m_s:.2f} m/s, over {SPEED_MAX_M_S:g}"
-    if ending.armed and ending.away_m > FLY_AWAY_M:
-        return f"fly-away: {ending.away_m:.0f} m from pad and home"
+    if ending.armed and ending.height_m > FLY_AWAY_HEIGHT_M:
+        return f"fly-away: {ending.height_m:.0f} m high"
+    if ending.armed and ending.phase in AT_REST and ending.speed_m_s > FLY_AWAY_M_S:
+        return f"fly-away: {ending.speed_m_s:.1f} m/s in {ending.phase.value}"
     touchdown, rest = touchdown_of(ending.contacts), ending.contacts[-1] if ending.contacts else None
     if touchdown is not None and rest is not None and rest.kind == "rest" and not ending.armed:
         if not rest.on_deck:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.campaign.draw import TrialPlan, draw_trial
-from app.campaign.outcome import Ending, TrialResult, failure_of, touchdown_of
+from app.campaign.outcome import AT_REST, Ending, TrialResult, failure_of, touchdown_of
 from app.campaign.scenario import Scenario, overridden, read_scenario
 from app.clock import LoopClock, run_virtual
 from app.config import resolve
@@ -29,6 +29,8 @@ READY_S = 0.5
 ASK_AGAIN_S = 1.0
 LINGER_S = 1.0
 """After the end: a vehicle that slides off the deck does so now."""
+STOP_S = 10.0
+"""A vehicle in the air gets longer: from 50 km/h PX4 needs 6 s to stand."""
 PX4_LANDS = frozenset({Phase.FALLBACK_LAND, Phase.RETURN})
 """PX4 flies on to the ground by itself: that is looked at too."""
 
@@ -93,13 +95,15 @@ class _Flown:
         flight = self.flight
         assert flight is not None
         contacts, report = tuple(flight.contacts), flight.reports[-1] if flight.reports else None
+        truth = flight.world.truth()
         ending = Ending(
             contacts,
             flight.phase,
             "" if report is None else report.reason,
             flight.world.px4.commander.armed,
             self.timed_out,
-            _away_m(flight),
+            math.hypot(truth.vel[0], truth.vel[1]),
+            -truth.pos[2],
         )
         reason = failure_of(ending, course.scenario.success.deck_tilt_max_deg)
         touchdown, rest = touchdown_of(contacts), contacts[-1] if contacts else None
@@ -143,7 +147,7 @@ async def _person(flight: VirtualFlight, plan: TrialPlan, flown: _Flown) -> None
     drives = plan.world.motion.speed_m_s > 0.0
     aim = OperatorAction.TRACK if drives else OperatorAction.LAND
     asked_s, begun, over_s = -ASK_AGAIN_S, False, 0.0
-    while over_s < LINGER_S:
+    while over_s < (STOP_S if flight.phase in AT_REST and flight.world.px4.commander.armed else LINGER_S):
         begun = begun or flight.phase is not Phase.IDLE
         if aim is OperatorAction.TRACK and world.pad.at_speed_s > 0.0 and world.pad.at_speed_s >= plan.wait_s:
             aim, asked_s = OperatorAction.LAND, -ASK_AGAIN_S
@@ -165,9 +169,3 @@ def _is_over(flight: VirtualFlight) -> bool:
     if flight.phase in PX4_LANDS:
         return not flight.world.px4.commander.armed
     return flight.phase in (Phase.LANDED, Phase.HOLD, Phase.IDLE)
-
-
-def _away_m(flight: VirtualFlight) -> float:
-    truth = flight.world.truth()
-    from_pad = math.hypot(truth.pos[0] - truth.pad.north_m, truth.pos[1] - truth.pad.east_m)
-    return min(from_pad, math.hypot(truth.pos[0], truth.pos[1]))

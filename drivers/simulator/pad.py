@@ -139,10 +139,18 @@ class Pad:
         self.at_speed_s = 0.0
         self.state = self._now()
 
-    def step(self, dt: float, vehicle_height_m: float) -> PadState:
-        """Advance by dt seconds. The start counts the seconds for which the vehicle was above START_HEIGHT_M."""
+    def step(self, dt: float, vehicle_height_m: float, vehicle_at_m: tuple[float, float] | None = None) -> PadState:
+        """Advance by dt seconds.
+
+        Args:
+            dt: Seconds.
+            vehicle_height_m: Over the ground: above START_HEIGHT_M it flies, and the time until the start counts.
+            vehicle_at_m: North and east of the vehicle; where none is told it counts as near.
+        """
         if self._waiting and vehicle_height_m > START_HEIGHT_M:
-            self._flown_s += dt
+            near_m = self._config.start_near_m
+            if near_m is None or vehicle_at_m is None or math.hypot(*self.state.offset_m(*vehicle_at_m)) < near_m:
+                self._flown_s += dt
             self._waiting = self._flown_s < self._config.start_after_s
         elif self._config.speed_m_s > 0.0 and not self._waiting:
             self._drive(dt)

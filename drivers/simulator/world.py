@@ -71,7 +71,8 @@ class World:
         self._steps += 1
         self.t_s = self._steps * STEP_S
         self.px4.step(STEP_S)
-        pad = self.pad.step(STEP_S, self.plant.height_m)
+        body = self.plant.body
+        pad = self.pad.step(STEP_S, self.plant.height_m, (body.n, body.e))
         self.plant.step(STEP_S, self._wind.step(STEP_S), pad)
         self.contacts += self._watch.step(self._seen(pad), pad)
         if self.plant.crashed is not None and self.px4.commander.armed:
