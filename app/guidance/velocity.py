@@ -14,7 +14,7 @@ import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
-from app.guidance.descent import Descent, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, predicted_error_m, sink_speed_m_s, step_descent
 from app.guidance.limits import closing_speed_m_s, limit_norm, slew
 from app.guidance.pad_memory import PadMemory, is_finite
 from app.guidance.search import SearchPattern, expanding_square_m
@@ -229,6 +229,7 @@ class VelocityController:
                 relative.height_m,
                 float(np.linalg.norm(relative.relative_ne_m_s)),
                 config,
+                predicted_error_m(relative.error_ne_m, relative.relative_ne_m_s),
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)
