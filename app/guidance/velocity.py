@@ -216,11 +216,14 @@ class VelocityController:
             learnt = self._trim_ne_m_s + config.trim_gain_1_s2 * dt_s * relative.error_ne_m
             self._trim_ne_m_s = limit_norm(learnt, config.trim_max_m_s)
 
+    def _presses(self, now_s: float) -> bool:
+        return self._contact.contact or (self._contact.presses(now_s) and self._lean_rad < PRESS_LEAN_MAX_RAD)
+
     def _sink(self, goal: Goal, relative: _Relative, now_s: float) -> float:
         config = self._guidance
         # Half the thrust still carries a vehicle that stands, and a wind pushes it over the deck. One that leans far into
         # the wind of a fast drive stands on two feet: with less thrust it falls onto the others, and slides meanwhile.
-        if self._contact.contact or (self._contact.presses(now_s) and self._lean_rad < PRESS_LEAN_MAX_RAD):
+        if self._presses(now_s):
             return config.press_speed_m_s
         if goal.kind is GoalKind.LAND:
             self._descent = step_descent(
@@ -244,7 +247,7 @@ class VelocityController:
         velocity = np.empty(3)
         velocity[:2] = slew(previous[:2], wanted[:2], config.acceleration_max_m_s2, dt_s)
         velocity[2:] = slew(previous[2:], wanted[2:], config.acceleration_max_m_s2, dt_s)
-        if self._contact.contact:
+        if self._presses(now_s):
             velocity[2] = wanted[2]  # nothing moves any more that could be jerked
         rate = limit_norm((velocity - previous) / dt_s, config.acceleration_max_m_s2)
         part = dt_s / (FEED_FORWARD_TAU_S + dt_s)
