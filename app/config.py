@@ -195,6 +195,9 @@ class GuidanceConfig(Section):
     touchdown_radius_m: float = Field(default=0.10, gt=0, le=2, description="radius of the cone at the commit height")
     commit_height_m: float = Field(default=0.45, gt=0, le=3)
     commit_speed_m_s: float = Field(default=0.4, gt=0, le=3, description="largest speed relative to the pad at commit")
+    deck_lean_max_deg: float = Field(
+        default=4.0, gt=0, le=30, description="commit only if the deck will lean less at touchdown: wait for a calm one"
+    )
     search_spacing_m: float = Field(default=3.0, gt=0, le=50, description="between the lines of the expanding square")
     search_radius_m: float = Field(default=15.0, gt=0, le=500)
     search_speed_m_s: float = Field(default=2.0, gt=0, le=15)

@@ -6,6 +6,7 @@ Here the cone narrows to the touchdown circle at the commit height.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,7 @@ def step_descent(
     relative_speed_m_s: float,
     config: GuidanceConfig,
     predicted_m: float | None = None,
+    lean_rad: float = 0.0,
 ) -> Descent:
     """The next memory.
 
@@ -73,18 +75,22 @@ def step_descent(
         relative_speed_m_s: Horizontal.
         config: [guidance].
         predicted_m: Error at touchdown; None: as now.
+        lean_rad: Of the deck at touchdown.
     """
     at_touchdown_m = error_m if predicted_m is None else predicted_m
+    calm = lean_rad <= math.radians(config.deck_lean_max_deg)
     if memory.committed:
         off = at_touchdown_m > RELEASE_FACTOR * config.touchdown_radius_m
         fast = relative_speed_m_s > RELEASE_FACTOR * config.commit_speed_m_s
-        return Descent() if (off or fast) and height_m > RELEASE_ABOVE_M else memory
+        leans = lean_rad > RELEASE_FACTOR * math.radians(config.deck_lean_max_deg)
+        return Descent() if (off or fast or leans) and height_m > RELEASE_ABOVE_M else memory
     radius_m = cone_radius_m(height_m, config)
     in_cone = error_m <= (radius_m if memory.in_cone else ENTER_FRACTION * radius_m)
     ready = (
         height_m <= config.commit_height_m
         and max(error_m, at_touchdown_m) <= config.touchdown_radius_m
         and relative_speed_m_s <= config.commit_speed_m_s
+        and calm
     )
     return Descent(in_cone=in_cone, committed=in_cone and ready)
 

@@ -30,6 +30,8 @@ TRIM_REACH_M = 0.3
 """The trim learns only this near to the pad: farther off the speed limit, not a disturbance, makes the error."""
 YAW_DEADBAND_RAD = math.radians(2.0)
 PRESS_LEAN_MAX_RAD = math.radians(20.0)
+FEET_M = 0.1
+"""The vehicle's centre over its feet, about."""
 GAP_MAX_S = 0.5
 """After a silence this long PX4 may have flown on its own: the next command starts from what the vehicle does then."""
 
@@ -217,12 +219,14 @@ class VelocityController:
             self._trim_ne_m_s = limit_norm(learnt, config.trim_max_m_s)
 
     def _presses(self, now_s: float) -> bool:
+        """Whether to ask for more sink than the vehicle makes: half the thrust still carries one that stands, and a
+        wind pushes it over the deck. One that leans far into the wind of a fast drive stands on two feet first: with
+        less thrust it falls onto the others, and slides meanwhile.
+        """
         return self._contact.contact or (self._contact.presses(now_s) and self._lean_rad < PRESS_LEAN_MAX_RAD)
 
     def _sink(self, goal: Goal, relative: _Relative, now_s: float) -> float:
         config = self._guidance
-        # Half the thrust still carries a vehicle that stands, and a wind pushes it over the deck. One that leans far into
-        # the wind of a fast drive stands on two feet: with less thrust it falls onto the others, and slides meanwhile.
         if self._presses(now_s):
             return config.press_speed_m_s
         if goal.kind is GoalKind.LAND:
@@ -233,6 +237,7 @@ class VelocityController:
                 float(np.linalg.norm(relative.relative_ne_m_s)),
                 config,
                 predicted_error_m(relative.error_ne_m, relative.relative_ne_m_s),
+                relative.pad.lean_rad(max(0.0, relative.height_m - FEET_M) / config.touchdown_speed_m_s),
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)
