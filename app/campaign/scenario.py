@@ -14,8 +14,11 @@ from app.config import RigConfig, checked, read_config, resolve
 from app.config_world import OcclusionConfig
 from app.errors import ConfigError
 from app.sections import Section
+from app.wiring import CONFIGS
 
 SUFFIX = ".toml"
+SIMULATOR = "simulator.toml"
+"""The rig of a scenario that names none."""
 
 
 def _pair(value: Any) -> Any:
@@ -143,7 +146,9 @@ class Scenario(Section):
     """A scenario file."""
 
     summary: str = Field(min_length=1, max_length=200, description="what it is, in a line")
-    rig: str = Field(default="../simulator.toml", description="rig file of the vehicle, relative to this one")
+    rig: str = Field(
+        default="", description="rig file of the vehicle, relative to this one; empty: the simulator's own"
+    )
     time_limit_s: float = Field(default=180.0, ge=10, le=3600, description="of a trial, in simulated time")
     ground: tuple[Literal["lawn", "asphalt", "water"], ...] = Field(
         default=("lawn", "asphalt"), min_length=1, description="kinds to draw from"
@@ -185,8 +190,13 @@ def read_scenario(path: Path) -> Scenario:
         ConfigError: It is missing or wrong: it names the file, each wrong key with its value and limit.
     """
     scenario = read_config(path, Scenario)
-    overridden(path, scenario, read_config(resolve(path, scenario.rig), RigConfig))
+    overridden(path, scenario, read_config(rig_path(path, scenario), RigConfig))
     return scenario
+
+
+def rig_path(path: Path, scenario: Scenario) -> Path:
+    """The rig file of a scenario file."""
+    return resolve(path, scenario.rig) if scenario.rig else CONFIGS / SIMULATOR
 
 
 def overridden(path: Path, scenario: Scenario, rig: RigConfig) -> RigConfig:

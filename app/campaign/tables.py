@@ -13,7 +13,7 @@ LEGEND = (
     "it at first contact, time from the order to land to the motors' stop: half / 95% / all of the trials lie below. "
     "Tries: mean / most."
 )
-WIDTH = 100
+WIDTH = 112
 """Of the table where no terminal says how wide it is."""
 
 

@@ -15,9 +15,8 @@ from pathlib import Path
 
 from app.campaign.draw import TrialPlan, draw_trial
 from app.campaign.outcome import AT_REST, Ending, TrialResult, failure_of, touchdown_of
-from app.campaign.scenario import Scenario, overridden, read_scenario
+from app.campaign.scenario import Scenario, overridden, read_scenario, rig_path
 from app.clock import LoopClock, run_virtual
-from app.config import resolve
 from app.errors import AlightError
 from app.messages import CommandResult, OperatorAction, Phase
 from app.wiring import Rig, load_rig
@@ -59,7 +58,7 @@ def load_course(path: Path, argument: str) -> Course:
         AlightError: A file is missing or wrong.
     """
     scenario = read_scenario(path)
-    rig = load_rig(resolve(path, scenario.rig))
+    rig = load_rig(rig_path(path, scenario))
     return Course(path.stem, argument, scenario, replace(rig, config=overridden(path, scenario, rig.config)))
 
 

@@ -21,12 +21,11 @@ SHIPPED = (
 
 @pytest.fixture
 def scenario_file(tmp_path):
-    """Writes a scenario beside a rig."""
+    """Writes a scenario."""
 
     def write(text: str):
         path = tmp_path / "mine.toml"
-        rig = (SCENARIOS.parent / "simulator.toml").as_posix()
-        path.write_text(f'summary = "mine"\nrig = "{rig}"\n{text}', encoding="utf-8")
+        path.write_text(f'summary = "mine"\n{text}', encoding="utf-8")
         return path
 
     return write
