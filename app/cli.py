@@ -123,6 +123,36 @@ def check(
         raise ConfigError(f"{config}: {faults} fault(s)", "mend what is marked FAULT above")
 
 
+@cli.command(short_help="Fly a scenario many times, faster than real time.")
+def campaign(
+    scenario: Annotated[str, typer.Option(help="A name of configs/scenarios, or a .toml; several with commas.")],
+    trials: Annotated[int, typer.Option(min=1, max=100_000, help="Of each scenario.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first trial; the others count up from it.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Processes; the result is the same.")] = 1,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Figures to write.")] = None,
+    html_file: Annotated[Path | None, typer.Option("--html", help="Page to write.")] = None,
+) -> None:
+    """Fly scenarios many times in the simulator, in virtual time, and tell what the landings came to.
+
+    Ends with 1 if a trial failed. Ctrl-C keeps what is done.
+    """
+    from app.campaign.command import run_campaign
+
+    configure_logging(quiet=True)
+    landed = run_campaign(
+        scenario,
+        trials,
+        seed,
+        workers=workers,
+        json_file=json_file,
+        html_file=html_file,
+        output=open_console(sys.stdout),
+        progress=open_console(sys.stderr),
+    )
+    if not landed:
+        raise typer.Exit(1)
+
+
 landmark_cli = typer.Typer(invoke_without_command=True, rich_markup_mode=None)
 cli.add_typer(landmark_cli, name="landmark", short_help="Draw a landmark at true size, or design one.")
 

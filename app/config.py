@@ -10,19 +10,18 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from app.config_world import LightChange as LightChange
+from app.config_world import LightConfig as LightConfig
+from app.config_world import PadMotionConfig as PadMotionConfig
+from app.config_world import WorldConfig as WorldConfig
 from app.errors import ConfigError
 from app.landmark import ContourSpec, Landmark, Shape, build_landmark
+from app.sections import Section as Section
 
 Address = Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin|tcpout|serial|serial_flowcontrol)://\S+$")]
 Vector = tuple[float, float, float]
-
-
-class Section(BaseModel):
-    """A table of a configuration file: unknown keys are errors, values don't change."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 # ------------------------------------------------------------------------------------------------------------ pads
@@ -180,10 +179,13 @@ class GuidanceConfig(Section):
     coast_s: float = Field(default=4.0, ge=0, le=30, description="with the pad's last velocity, after it was lost")
     speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
     closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")
-    acceleration_max_m_s2: float = Field(default=3.0, gt=0, le=10)
+    acceleration_max_m_s2: float = Field(default=4.0, gt=0, le=10)
     climb_speed_m_s: float = Field(default=1.0, gt=0, le=5)
     descend_speed_m_s: float = Field(default=0.8, gt=0, le=3, description="inside the cone, high up")
     touchdown_speed_m_s: float = Field(default=0.6, gt=0, le=1.0, description="below the commit height")
+    press_speed_m_s: float = Field(
+        default=1.5, ge=0.3, le=3.0, description="sink that is asked for in contact: PX4 then takes its thrust off"
+    )
     yaw_rate_max_deg_s: float = Field(default=45.0, gt=0, le=180)
     align_yaw: bool = Field(default=True, description="turn to the pad's heading")
     actuation_delay_s: float = Field(default=0.2, ge=0, le=1, description="the track is predicted this far ahead")
@@ -193,6 +195,9 @@ class GuidanceConfig(Section):
     touchdown_radius_m: float = Field(default=0.10, gt=0, le=2, description="radius of the cone at the commit height")
     commit_height_m: float = Field(default=0.45, gt=0, le=3)
     commit_speed_m_s: float = Field(default=0.4, gt=0, le=3, description="largest speed relative to the pad at commit")
+    deck_lean_max_deg: float = Field(
+        default=4.0, gt=0, le=30, description="commit only if the deck will lean less at touchdown: wait for a calm one"
+    )
     search_spacing_m: float = Field(default=3.0, gt=0, le=50, description="between the lines of the expanding square")
     search_radius_m: float = Field(default=15.0, gt=0, le=500)
     search_speed_m_s: float = Field(default=2.0, gt=0, le=15)
@@ -235,70 +240,6 @@ class RecorderConfig(Section):
     directory: str = Field(default="flights", description="relative to where alight is run; empty for no record")
     jpeg_quality: int = Field(default=80, ge=10, le=100)
     frame_rate_hz: float = Field(default=30.0, ge=0, le=240, description="images kept a second")
-
-
-# ------------------------------------------------------------------------------------------- the simulator's world
-class PadMotionConfig(Section):
-    """How the simulated pad stands or drives."""
-
-    north_m: float = Field(default=3.0, ge=-1000, le=1000, description="where it starts, from home")
-    east_m: float = Field(default=2.0, ge=-1000, le=1000)
-    height_m: float = Field(default=0.0, ge=0, le=10, description="of the pad above the ground: a car's roof")
-    heading_deg: float = Field(default=0.0, ge=-360, le=360)
-    speed_m_s: float = Field(default=0.0, ge=0, le=30)
-    start_after_s: float = Field(default=0.0, ge=0, le=600, description="of flight above 1 m, before it drives off")
-    acceleration_m_s2: float = Field(default=1.0, gt=0, le=10)
-    deck_m: float = Field(default=1.2, gt=0, le=20, description="side of the square that can be landed on")
-
-
-class LightChange(Section):
-    """A change of the simulated daylight: a cloud, an edge of shadow, dusk."""
-
-    at_s: float = Field(ge=0, le=36000, description="since the camera's first frame")
-    level: float = Field(gt=0, le=100, description="of the light afterwards; 1: noon")
-    over_s: float = Field(default=0.0, ge=0, le=36000, description="how long it takes; 0: at once")
-
-
-class LightConfig(Section):
-    """The simulated daylight."""
-
-    level: float = Field(default=1.0, gt=0, le=100, description="1: noon; 0.1: a dull day; 0.002: dusk, 200 lux")
-    changes: tuple[LightChange, ...] = Field(default=(), max_length=1000, description="in the order of their times")
-    glare: float = Field(
-        default=0.0, ge=0, le=100, description="the sun mirrored in wet ground and glossy print; 1: as bright as white"
-    )
-    glare_width_deg: float = Field(
-        default=4.0, gt=0, le=45, description="half width of that spot, seen from the camera"
-    )
-
-    @model_validator(mode="after")
-    def _in_order(self) -> LightConfig:
-        for earlier, later in zip(self.changes, self.changes[1:], strict=False):
-            if later.at_s < (end_s := earlier.at_s + earlier.over_s):
-                raise ValueError(
-                    f"the change at_s = {later.at_s:g} must begin after the one before has ended, at {end_s:g} s"
-                )
-        return self
-
-
-class WorldConfig(Section):
-    """[simulator]: what is simulated. The application never reads this."""
-
-    seed: int = Field(default=1, ge=0)
-    vehicle: Literal["built-in", "px4"] = "built-in"
-    px4_truth_address: str = Field(default="udpin:127.0.0.1:19410", description="px4: where its ground truth arrives")
-    ground: Literal["lawn", "asphalt"] = "lawn"
-    wind_m_s: float = Field(default=1.0, ge=0, le=20)
-    gust_m_s: float = Field(default=0.5, ge=0, le=10)
-    wind_from_deg: float = Field(default=270.0, ge=-360, le=360)
-    sun_elevation_deg: float = Field(default=50.0, ge=5, le=90)
-    sun_azimuth_deg: float = Field(default=200.0, ge=-360, le=360)
-    noise_dn: float = Field(default=2.0, ge=0, le=50, description="image noise at gain 1, 1 sigma, of 255")
-    camera_latency_s: float = Field(default=0.035, ge=0, le=1, description="mid-exposure to the application")
-    exposure_ms: float = Field(default=2.0, gt=0, le=30, description="while nobody steers it; its gain is automatic")
-    exposure_delay_frames: int = Field(default=3, ge=0, le=30, description="until the camera does what it is told")
-    light: LightConfig = LightConfig()
-    motion: PadMotionConfig = PadMotionConfig()
 
 
 class RigConfig(Section):
@@ -350,11 +291,19 @@ def read_config(path: Path, kind: type[S]) -> S:
     Raises:
         ConfigError: It names the file, each wrong key with its value and limit, and what to do.
     """
-    data = read_toml(path)
+    return checked(path, kind, read_toml(path))
+
+
+def checked(path: Path, kind: type[S], data: dict[str, Any], prefix: str = "") -> S:
+    """What a file of one kind says, checked; `prefix` stands before the keys in an error.
+
+    Raises:
+        ConfigError: It names the file, each wrong key with its value and limit, and what to do.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        faults = [_explain(kind, item) for item in error.errors()]
+        faults = [_explain(kind, item, prefix) for item in error.errors()]
         shown = " | ".join(faults[:4]) + (f" | and {len(faults) - 4} more" if len(faults) > 4 else "")
         raise ConfigError(f"{path}: {shown}", "mend the file") from None
 
@@ -387,10 +336,10 @@ def _without_unit(key: str) -> str:
     return "_".join(words)
 
 
-def _explain(kind: type[BaseModel], item: Any) -> str:
+def _explain(kind: type[BaseModel], item: Any, prefix: str) -> str:
     """One fault of a file in words."""
     location = item["loc"]
-    key = ".".join(str(part) for part in location)
+    key = prefix + ".".join(str(part) for part in location)
     if item["type"] == "extra_forbidden":
         keys = _keys_of(kind, location[:-1])
         wrong = str(location[-1])

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 
@@ -217,6 +218,8 @@ class PadFix:
         travelled_ned_m: (3,) integral of PX4's velocity up to the capture; only differences between fixes mean
             something. None: the estimator takes PX4's position for it.
         paper: The paper's own outputs, in a fix by method paper.
+        pad_normal_ned: (3,) the pad's down axis; None where the method doesn't give it.
+        normal_sigma_rad: Standard deviation of its north and east part.
     """
 
     t_capture_s: float
@@ -229,6 +232,8 @@ class PadFix:
     pad_tilt_rad: float = 0.0
     travelled_ned_m: Array | None = None
     paper: PaperPose | None = None
+    pad_normal_ned: Array | None = None
+    normal_sigma_rad: float = 0.0
 
 
 # -------------------------------------------------------------------------------------------------------- estimate
@@ -246,6 +251,9 @@ class PadTrack:
         t_last_fix_s: Capture time of the last fix that was accepted.
         fixes_accepted: Count since the track began.
         fixes_rejected_in_row: Outliers since the last accepted fix.
+        lean_ne_rad: (2,) north and east part of the deck's normal: how it leans.
+        lean_rate_ne_rad_s: (2,) their rates.
+        lean_sigma_rad: Standard deviation of each part, at t_capture_s.
     """
 
     t_capture_s: float
@@ -257,6 +265,14 @@ class PadTrack:
     t_last_fix_s: float
     fixes_accepted: int
     fixes_rejected_in_row: int = 0
+    lean_ne_rad: tuple[float, float] = (0.0, 0.0)
+    lean_rate_ne_rad_s: tuple[float, float] = (0.0, 0.0)
+    lean_sigma_rad: float = 0.0
+
+    def lean_rad(self, ahead_s: float) -> float:
+        """The deck's angle from level so long after t_capture_s, less what it is unsure by; it goes on as it moves."""
+        parts = (a + ahead_s * rate for a, rate in zip(self.lean_ne_rad, self.lean_rate_ne_rad_s, strict=True))
+        return max(0.0, math.hypot(*parts) - self.lean_sigma_rad)
 
     def at(self, t_s: float) -> PadTrack:
         """The track's mean carried to another time at constant velocity; the covariance stays that of the last fix."""
@@ -265,6 +281,10 @@ class PadTrack:
             self,
             t_capture_s=t_s,
             pos_ned_m=self.pos_ned_m + dt_s * self.vel_ned_m_s,
+            lean_ne_rad=(
+                self.lean_ne_rad[0] + dt_s * self.lean_rate_ne_rad_s[0],
+                self.lean_ne_rad[1] + dt_s * self.lean_rate_ne_rad_s[1],
+            ),
             yaw_ned_rad=wrap_angle_rad(self.yaw_ned_rad + dt_s * self.yaw_rate_rad_s),
         )
 

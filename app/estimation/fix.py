@@ -122,6 +122,8 @@ def pad_fix(
         ((y * y + z * z, -x * y, -x * z), (-x * y, x * x + z * z, -y * z), (-x * z, -y * z, x * x + y * y))
     )
     down = ned_from_cam[2]
+    turned = ned_from_cam @ camera_pose.covariance[3:, 3:] @ ned_from_cam.T
+    normal_variance = 0.5 * max(0.0, float(turned[0, 0] + turned[1, 1])) + ATTITUDE_SIGMA_RAD**2
     return PadFix(
         t_capture_s=detection.t_capture_s,
         pad_pos_ned_m=vehicle.pos_ned_m + from_vehicle,
@@ -132,6 +134,8 @@ def pad_fix(
         code=detection.code or "",
         pad_tilt_rad=math.acos(max(-1.0, min(1.0, float(ned_from_pad[2, 2])))),
         paper=paper,
+        pad_normal_ned=ned_from_pad[:, 2] if paper is None else None,  # the paper's equations hold for a level pad
+        normal_sigma_rad=math.sqrt(normal_variance),
     )
 
 

@@ -15,10 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from app.config import EstimationConfig
+from app.estimation.deck import DeckTilt
+from app.estimation.deck import start as start_deck
 from app.frames import Array, wrap_angle_rad
 from app.messages import PadFix, PadTrack
 
@@ -56,6 +59,7 @@ class TargetEstimator:
         self._track: PadTrack | None = None
         self._heading = _Heading(np.zeros(2), np.eye(2))
         self._last_fix: PadFix | None = None
+        self._deck: DeckTilt | None = None
 
     @property
     def track(self) -> PadTrack | None:
@@ -93,6 +97,7 @@ class TargetEstimator:
         covariance = keep @ predicted.covariance @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
         yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
         self._last_fix = fix
+        self._update_deck(fix)
         self._track = PadTrack(
             t_capture_s=fix.t_capture_s,
             pos_ned_m=predicted.pos_ned_m + correction[:3],
@@ -102,8 +107,29 @@ class TargetEstimator:
             yaw_rate_rad_s=yaw_rate_rad_s,
             t_last_fix_s=fix.t_capture_s,
             fixes_accepted=track.fixes_accepted + 1,
+            **self._lean(),
         )
         return self._track
+
+    def _update_deck(self, fix: PadFix) -> None:
+        if fix.pad_normal_ned is None:
+            return
+        level = fix.pad_normal_ned[:2]
+        if self._deck is None:
+            self._deck = start_deck(level, fix.normal_sigma_rad, fix.t_capture_s)
+        else:
+            self._deck = self._deck.update(level, fix.normal_sigma_rad, fix.t_capture_s)
+
+    def _lean(self) -> dict[str, Any]:
+        """The deck's part of a track."""
+        if self._deck is None:
+            return {}
+        lean, rate = self._deck.mean.tolist()
+        return {
+            "lean_ne_rad": (lean[0], lean[1]),
+            "lean_rate_ne_rad_s": (rate[0], rate[1]),
+            "lean_sigma_rad": math.sqrt(float(self._deck.covariance[0, 0])),
+        }
 
     def _start(self, fix: PadFix) -> PadTrack:
         self._last_fix = fix

@@ -6,12 +6,24 @@ Here the cone narrows to the touchdown circle at the commit height.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from app.config import GuidanceConfig
+from app.frames import Array
 
 ENTER_FRACTION = 0.8
 """The cone is entered at this part of its radius and left at the whole: no chatter at the rim."""
+LOOK_AHEAD_S = 0.35
+"""The relative velocity carries on for about so long before the controller has taken it off (PX4's lag is 0.5 s)."""
+RELEASE_FACTOR = 1.5
+"""A commit is taken back when the predicted error grows to this many touchdown radii, or the relative speed to this
+many times what is allowed at the commit,"""
+RELEASE_ABOVE_M = 0.28
+"""... as long as the vehicle's centre is this high over the pad: PX4 needs 0.1 m to end a sink of 0.6 m/s, and below
+that a climb would drag the feet over the deck."""
 SLOWING_1_S = 0.5
 """Sink speed per metre above the commit height, so that it falls from the descent speed to the touchdown speed."""
 
@@ -31,25 +43,54 @@ class Descent:
 
     Attributes:
         in_cone: Descent is allowed.
-        committed: Nothing but an abort ends the landing now.
+        committed: The landing is to be finished; high enough it is taken back if it would miss.
     """
 
     in_cone: bool = False
     committed: bool = False
 
 
+def predicted_error_m(error_ne_m: Array, relative_ne_m_s: Array) -> float:
+    """Distance from the pad's centre at touchdown: the error, and what the relative velocity adds until it is taken
+    off.
+    """
+    return float(np.linalg.norm(error_ne_m + LOOK_AHEAD_S * relative_ne_m_s))
+
+
 def step_descent(
-    memory: Descent, error_m: float, height_m: float, relative_speed_m_s: float, config: GuidanceConfig
+    memory: Descent,
+    error_m: float,
+    height_m: float,
+    relative_speed_m_s: float,
+    config: GuidanceConfig,
+    predicted_m: float | None = None,
+    lean_rad: float = 0.0,
 ) -> Descent:
-    """The next memory, from the horizontal error to the predicted pad, the height above it and the relative speed."""
+    """The next memory.
+
+    Args:
+        memory: The last.
+        error_m: Horizontal, to the pad as it is now.
+        height_m: Above it.
+        relative_speed_m_s: Horizontal.
+        config: [guidance].
+        predicted_m: Error at touchdown; None: as now.
+        lean_rad: Of the deck at touchdown.
+    """
+    at_touchdown_m = error_m if predicted_m is None else predicted_m
+    calm = lean_rad <= math.radians(config.deck_lean_max_deg)
     if memory.committed:
-        return memory
+        off = at_touchdown_m > RELEASE_FACTOR * config.touchdown_radius_m
+        fast = relative_speed_m_s > RELEASE_FACTOR * config.commit_speed_m_s
+        leans = lean_rad > RELEASE_FACTOR * math.radians(config.deck_lean_max_deg)
+        return Descent() if (off or fast or leans) and height_m > RELEASE_ABOVE_M else memory
     radius_m = cone_radius_m(height_m, config)
     in_cone = error_m <= (radius_m if memory.in_cone else ENTER_FRACTION * radius_m)
     ready = (
         height_m <= config.commit_height_m
-        and error_m <= config.touchdown_radius_m
+        and max(error_m, at_touchdown_m) <= config.touchdown_radius_m
         and relative_speed_m_s <= config.commit_speed_m_s
+        and calm
     )
     return Descent(in_cone=in_cone, committed=in_cone and ready)
 

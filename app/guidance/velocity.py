@@ -14,7 +14,7 @@ import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
-from app.guidance.descent import Descent, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, predicted_error_m, sink_speed_m_s, step_descent
 from app.guidance.limits import closing_speed_m_s, limit_norm, slew
 from app.guidance.pad_memory import PadMemory, is_finite
 from app.guidance.search import SearchPattern, expanding_square_m
@@ -29,6 +29,9 @@ HEIGHT_REACHED_M = 0.3
 TRIM_REACH_M = 0.3
 """The trim learns only this near to the pad: farther off the speed limit, not a disturbance, makes the error."""
 YAW_DEADBAND_RAD = math.radians(2.0)
+PRESS_LEAN_MAX_RAD = math.radians(20.0)
+FEET_M = 0.1
+"""The vehicle's centre over its feet, about."""
 GAP_MAX_S = 0.5
 """After a silence this long PX4 may have flown on its own: the next command starts from what the vehicle does then."""
 
@@ -66,6 +69,7 @@ class VelocityController:
         self._last_s = 0.0
         self._hold_height_down_m = 0.0
         self._anchor_ned_m = np.zeros(3)
+        self._lean_rad = 0.0
         self._pads = PadMemory()
 
     def step(
@@ -95,12 +99,14 @@ class VelocityController:
         dt_s = min(max(now_s - self._last_s, 1e-3), 0.2) if self._velocity is not None else 0.02
         self._last_s = now_s
         self._start_from(vehicle)
+        self._lean_rad = math.acos(min(1.0, float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])))
         relative = self._relate(goal, track, vehicle, now_s)
         self._learn_trim(goal, relative, dt_s)
         wanted = self._wanted(goal, relative, track, vehicle, now_s)
         setpoint = self._limit(wanted, relative, vehicle, dt_s, now_s)
         if goal.kind is GoalKind.LAND and relative is not None and self._descent.committed:
-            sink = float(setpoint.vel_ned_m_s[2] - relative.pad.vel_ned_m_s[2])
+            # What presses the vehicle onto the pad is no measure of how it would fall beside it.
+            sink = min(float(setpoint.vel_ned_m_s[2] - relative.pad.vel_ned_m_s[2]), self._guidance.touchdown_speed_m_s)
             self._contact = step_contact(self._contact, sink, relative.relative_sink_m_s, now_s)
         else:
             self._contact = Contact()
@@ -171,7 +177,7 @@ class VelocityController:
             else:
                 self._hold_height_down_m = float(vehicle.pos_ned_m[2])
                 wanted[:2] = self._follow(relative)
-                wanted[2] = float(relative.pad.vel_ned_m_s[2]) + self._sink(goal, relative)
+                wanted[2] = float(relative.pad.vel_ned_m_s[2]) + self._sink(goal, relative, now_s)
         return wanted
 
     def _coast(self, track: PadTrack | None, now_s: float) -> Array:
@@ -212,8 +218,17 @@ class VelocityController:
             learnt = self._trim_ne_m_s + config.trim_gain_1_s2 * dt_s * relative.error_ne_m
             self._trim_ne_m_s = limit_norm(learnt, config.trim_max_m_s)
 
-    def _sink(self, goal: Goal, relative: _Relative) -> float:
+    def _presses(self, now_s: float) -> bool:
+        """Whether to ask for more sink than the vehicle makes: half the thrust still carries one that stands, and a
+        wind pushes it over the deck. One that leans far into the wind of a fast drive stands on two feet first: with
+        less thrust it falls onto the others, and slides meanwhile.
+        """
+        return self._contact.contact or (self._contact.presses(now_s) and self._lean_rad < PRESS_LEAN_MAX_RAD)
+
+    def _sink(self, goal: Goal, relative: _Relative, now_s: float) -> float:
         config = self._guidance
+        if self._presses(now_s):
+            return config.press_speed_m_s
         if goal.kind is GoalKind.LAND:
             self._descent = step_descent(
                 self._descent,
@@ -221,6 +236,8 @@ class VelocityController:
                 relative.height_m,
                 float(np.linalg.norm(relative.relative_ne_m_s)),
                 config,
+                predicted_error_m(relative.error_ne_m, relative.relative_ne_m_s),
+                relative.pad.lean_rad(max(0.0, relative.height_m - FEET_M) / config.touchdown_speed_m_s),
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)
@@ -235,6 +252,8 @@ class VelocityController:
         velocity = np.empty(3)
         velocity[:2] = slew(previous[:2], wanted[:2], config.acceleration_max_m_s2, dt_s)
         velocity[2:] = slew(previous[2:], wanted[2:], config.acceleration_max_m_s2, dt_s)
+        if self._presses(now_s):
+            velocity[2] = wanted[2]  # nothing moves any more that could be jerked
         rate = limit_norm((velocity - previous) / dt_s, config.acceleration_max_m_s2)
         part = dt_s / (FEED_FORWARD_TAU_S + dt_s)
         self._feed_forward = self._feed_forward + part * (rate - self._feed_forward)

@@ -163,7 +163,7 @@ def _land(
             return lost
         if now_s - state.since_s > config.land_timeout_s:
             return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
-        return Transition(state)
+        return Transition(replace(state, committed_since_s=None, contact_s=None))
     since_s = now_s if state.committed_since_s is None else state.committed_since_s
     contact_s = now_s if guidance.contact else state.contact_s
     state = replace(state, committed_since_s=since_s, contact_s=contact_s)

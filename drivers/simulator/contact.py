@@ -46,6 +46,9 @@ _POINTS = (
 )
 """What touches: four feet, and the belly's two ends for when a foot has nothing under it."""
 
+NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+"""The ground's axes."""
+
 Wrench = tuple[float, float, float, float, float, float]
 
 
@@ -74,14 +77,15 @@ class Feet:
     def clearance_m(self, body: RigidBody, pad: PadState) -> float:
         """Of the feet over what is under the body's origin, were the vehicle level."""
         forward, right = pad.offset_m(body.n, body.e)
-        over = max(abs(forward), abs(right)) <= pad.deck_half_m and body.d < pad.down_m
-        return (pad.down_m if over else 0.0) - body.d - FOOT_DOWN_M
+        deck_down = pad.surface_down_m(body.n, body.e)
+        over = max(abs(forward), abs(right)) <= pad.deck_half_m and body.d < deck_down
+        return (deck_down if over else 0.0) - body.d - FOOT_DOWN_M
 
     def near(self, body: RigidBody, pad: PadState) -> bool:
         """Whether ground or deck may be felt."""
         if body.d > -(NEAR_M + FOOT_DOWN_M):
             return True
-        if body.d < pad.down_m - NEAR_M - FOOT_DOWN_M:
+        if body.d < pad.down_m - self._rise_m(pad) - NEAR_M - FOOT_DOWN_M:
             self.touching = self.on_deck = 0
             return False
         reach = pad.deck_half_m * 1.5 + NEAR_M
@@ -90,25 +94,29 @@ class Feet:
             self.touching = self.on_deck = 0
         return close
 
+    @staticmethod
+    def _rise_m(pad: PadState) -> float:
+        """How far a corner of a tilted deck may stand over its middle."""
+        return 0.0 if pad.is_level else 1.5 * pad.deck_half_m * math.sin(pad.tilt_rad)
+
     def forces(self, body: RigidBody, m: tuple[float, ...], pad: PadState, dt: float) -> Wrench:
         """Force along north, east, down (N) and torque about forward, right, down (N m)."""
         fn = fe = fd = tp = tq = tr = 0.0
         before = self.touching
         self.touching = self.on_deck = 0
         fastest = 0.0
-        c, s = math.cos(pad.heading_rad), math.sin(pad.heading_rad)
-        half = pad.deck_half_m
+        half, (forward_axis, right_axis, down_axis) = pad.deck_half_m, pad.axes
+        highest = min(pad.down_m, 0.0) - self._rise_m(pad)
         for (x, y, z), bristle in zip(_POINTS, self._bristle, strict=True):
             foot_d = body.d + m[6] * x + m[7] * y + m[8] * z
-            if foot_d < min(pad.down_m, 0.0):
+            if foot_d < highest:
                 bristle[0] = bristle[1] = 0.0
                 continue
             foot_n = body.n + m[0] * x + m[1] * y + m[2] * z
             foot_e = body.e + m[3] * x + m[4] * y + m[5] * z
-            dn, de = foot_n - pad.north_m, foot_e - pad.east_m
-            inside = abs(c * dn + s * de) <= half and abs(c * de - s * dn) <= half
-            deck = inside and foot_d - pad.down_m < EDGE_DEPTH_M
-            depth = foot_d - (pad.down_m if deck else 0.0)
+            along, across, under = pad.on_deck_m(foot_n, foot_e, foot_d)
+            deck = abs(along) <= half and abs(across) <= half and under < EDGE_DEPTH_M
+            depth = under if deck else foot_d
             if depth < 0.0:
                 bristle[0] = bristle[1] = 0.0
                 continue
@@ -117,31 +125,40 @@ class Feet:
             rn = body.vn + m[0] * bx + m[1] * by + m[2] * bz
             re = body.ve + m[3] * bx + m[4] * by + m[5] * bz
             rd = body.vd + m[6] * bx + m[7] * by + m[8] * bz
+            first, second, into = forward_axis, right_axis, down_axis
             if deck:
-                rn -= pad.vel_north_m_s
-                re -= pad.vel_east_m_s
+                own = pad.velocity_at(foot_n, foot_e, foot_d)
+                rn, re, rd = rn - own[0], re - own[1], rd - own[2]
                 self.on_deck += 1
+            else:
+                first, second, into = NORTH, EAST, DOWN
             self.touching += 1
-            fastest = max(fastest, rd)
-            normal = max(0.0, STIFFNESS_N_M * depth + DAMPING_N_S_M * rd)
-            pn, pe = self._friction(bristle, rn, re, FRICTION * normal, dt)
+            speed = into[0] * rn + into[1] * re + into[2] * rd
+            fastest = max(fastest, speed)
+            normal = max(0.0, STIFFNESS_N_M * depth + DAMPING_N_S_M * speed)
+            slide = (
+                first[0] * rn + first[1] * re + first[2] * rd,
+                second[0] * rn + second[1] * re + second[2] * rd,
+            )
+            pf, ps = self._friction(bristle, *slide, FRICTION * normal, dt)
+            pn, pe, pd = (first[k] * pf + second[k] * ps - into[k] * normal for k in range(3))
             # The force in the body's axes, then arm x force.
-            gx = m[0] * pn + m[3] * pe - m[6] * normal
-            gy = m[1] * pn + m[4] * pe - m[7] * normal
-            gz = m[2] * pn + m[5] * pe - m[8] * normal
+            gx = m[0] * pn + m[3] * pe + m[6] * pd
+            gy = m[1] * pn + m[4] * pe + m[7] * pd
+            gz = m[2] * pn + m[5] * pe + m[8] * pd
             tp += y * gz - z * gy
             tq += z * gx - x * gz
             tr += x * gy - y * gx
             fn += pn
             fe += pe
-            fd -= normal
+            fd += pd
         if before == 0 and self.touching:
             self.impact_m_s = fastest
         return fn, fe, fd, tp, tq, tr
 
     @staticmethod
     def _friction(bristle: list[float], vn: float, ve: float, limit_n: float, dt: float) -> tuple[float, float]:
-        """Force along north and east on one foot that slides at (vn, ve) over its surface."""
+        """Force along two axes of its surface on one foot that slides at (vn, ve) over it."""
         bristle[0] += vn * dt
         bristle[1] += ve * dt
         pn = -BRISTLE_N_M * bristle[0] - BRISTLE_DAMPING_N_S_M * vn
@@ -159,7 +176,7 @@ class Feet:
             return f"hit the ground at {self.impact_m_s:.1f} m/s"
         if cos_tilt < TIPPED_COS and self.clearance_m(body, pad) < 0.0:
             return "tipped over"
-        if -pad.down_m > SIDE_M and body.d > pad.down_m + EDGE_DEPTH_M:
+        if -pad.down_m > SIDE_M and body.d > pad.surface_down_m(body.n, body.e) + EDGE_DEPTH_M:
             forward, right = pad.offset_m(body.n, body.e)
             if max(abs(forward), abs(right)) < pad.deck_half_m:
                 return "struck the side of the pad's carrier"

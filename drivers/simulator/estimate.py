@@ -3,6 +3,9 @@
 Sizes are those measured on PX4 SITL: position 0.1 to 0.4 m horizontally and 0.3 to 1.0 m vertically, velocity 0.06 to
 0.15 m/s. Position errors are Gauss-Markov behind one more lag, so the reported position has no steps. The origin is
 where the vehicle started.
+
+Without GNSS (optical flow, visual odometry) the horizontal velocity has a slow error beside the quick one, and the
+position is what that velocity integrates to: it drifts without bound.
 """
 
 from __future__ import annotations
@@ -21,6 +24,9 @@ VERTICAL_TIME_S = 60.0
 POSITION_LAG_S = 2.0
 VELOCITY_SIGMA_M_S = (0.07, 0.07, 0.08)
 VELOCITY_TIME_S = 0.8
+DRIFT_SIGMA_M_S = 0.08
+DRIFT_TIME_S = 25.0
+"""Without GNSS: 1 to 2% of the way at a walk, which is what such odometry is good for."""
 TILT_SIGMA_RAD = math.radians(0.35)
 TILT_TIME_S = 6.0
 YAW_SIGMA_RAD = math.radians(1.0)
@@ -69,12 +75,13 @@ class Estimator:
         start: The vehicle where its estimator starts.
         seed: Of the errors.
         scale: Multiplies all errors; 0 reports the truth.
+        gnss: False: position is the integral of velocity.
 
     Attributes:
         estimate: The newest.
     """
 
-    def __init__(self, start: RigidBody, seed: int, scale: float = 1.0) -> None:
+    def __init__(self, start: RigidBody, seed: int, scale: float = 1.0, *, gnss: bool = True) -> None:
         source = random.Random(seed)
         self.estimate = Estimate()
         self._origin = (start.n, start.e, start.d)
@@ -92,6 +99,8 @@ class Estimator:
         self._roll, self._pitch = process(TILT_SIGMA_RAD, TILT_TIME_S), process(TILT_SIGMA_RAD, TILT_TIME_S)
         self._yaw = process(YAW_SIGMA_RAD, YAW_TIME_S)
         self._rates = tuple(process(RATE_SIGMA_RAD_S, RATE_TIME_S) for _ in range(3))
+        self._drift = None if gnss else (process(DRIFT_SIGMA_M_S, DRIFT_TIME_S), process(DRIFT_SIGMA_M_S, DRIFT_TIME_S))
+        self._drifted = [0.0, 0.0]
 
     def step(self, dt: float, body: RigidBody) -> Estimate:
         """Advance the errors by dt seconds and report the vehicle."""
@@ -103,11 +112,18 @@ class Estimator:
             change = share * (self._position[k].step(dt) - lagged[k])
             lagged[k] += change
             drift_d = change / dt
-        report.n = body.n - self._origin[0] + lagged[0]
-        report.e = body.e - self._origin[1] + lagged[1]
+        slip_n, slip_e = self._velocity[0].step(dt), self._velocity[1].step(dt)
+        away_n, away_e = lagged[0], lagged[1]
+        if self._drift is not None:
+            slip_n, slip_e = slip_n + self._drift[0].step(dt), slip_e + self._drift[1].step(dt)
+            self._drifted[0] += slip_n * dt
+            self._drifted[1] += slip_e * dt
+            away_n, away_e = self._drifted
+        report.n = body.n - self._origin[0] + away_n
+        report.e = body.e - self._origin[1] + away_e
         report.d = body.d - self._origin[2] + lagged[2]
-        report.vn = body.vn + self._velocity[0].step(dt)
-        report.ve = body.ve + self._velocity[1].step(dt)
+        report.vn = body.vn + slip_n
+        report.ve = body.ve + slip_e
         report.vd = body.vd + self._velocity[2].step(dt)
         report.d_rate = body.vd + drift_d
         report.rates = (

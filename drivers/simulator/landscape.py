@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from drivers.simulator.textures import LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
+from drivers.simulator.textures import FINE_STEP, LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
 from drivers.simulator.view import CLOSEST_M, Array, Camera, View
 
 SKY = 0.45
@@ -45,10 +45,11 @@ class Landscape:
         fine = textures.fine[max(0, min(len(textures.fine) - 1, level))]
         slopes = (view.north, view.east)
         _fold(slopes, (self._u, self._v), view.position, height_m, (TILE_M, fine.shape[0] - SEAM_PX, 0.0))
-        cv2.remap(fine, self._u, self._v, cv2.INTER_LINEAR, dst=light, borderMode=cv2.BORDER_REPLICATE)
+        drawn = cv2.remap(fine, self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         gain, lift = self._broad(view, height_m)
         size = (lens.width, lens.height)
-        cv2.multiply(light, cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), dst=light)
+        bright = cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR)
+        cv2.multiply(drawn, bright, dst=light, scale=FINE_STEP, dtype=cv2.CV_32F)
         if float(lift.max()) > 0.0:
             cv2.add(light, cv2.resize(lift, size, interpolation=cv2.INTER_LINEAR), dst=light)
         return light

@@ -6,15 +6,14 @@ import math
 
 import cv2
 import numpy as np
-from cv2.typing import MatLike
 
-from drivers.simulator.decals import Decal, outline
+from drivers.simulator.decals import FULL, Decal, outline
 from drivers.simulator.print import Layer, paint_layer
 from drivers.simulator.textures import Plane
 from drivers.simulator.view import Array, Camera, Place, View
 
-SAMPLES_MAX = 130_000
-"""Supersampling of a decal stays under this many samples."""
+SAMPLES_MAX = 40_000
+"""Supersampling of a decal stays under this many samples; its smaller copies do the rest against aliasing."""
 FACTOR_MAX = 4
 
 
@@ -23,13 +22,10 @@ def _enlarge(plane: Plane, factor: int) -> Plane:
     return np.asarray(cv2.resize(plane, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
 
 
-def _sample(texture: Plane, u: MatLike, v: MatLike, factor: int) -> Plane:
-    """The texture at (u, v), averaged over factor x factor samples a pixel; 0 outside of it."""
-    drawn = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    if factor > 1:
-        size = (drawn.shape[1] // factor, drawn.shape[0] // factor)
-        drawn = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(drawn, dtype=np.float32)
+def _linear(row: Array, north: Plane, east: Plane) -> Plane:
+    """A linear form of the slopes."""
+    found = cv2.addWeighted(north, float(row[0]), east, float(row[1]), float(row[2]))
+    return np.asarray(found, dtype=np.float32)
 
 
 def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) -> None:
@@ -39,57 +35,69 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
         return
     u0, v0, u1, v1 = box
     factor = max(1, min(FACTOR_MAX, math.isqrt(SAMPLES_MAX // ((u1 - u0) * (v1 - v0)))))
-    wanted_m = (view.height_m - place.height_m) / camera.lens.focal_px / factor
+    wanted_m = view.distance_m(place) / camera.lens.focal_px / factor
     finest = math.floor(math.log2(max(wanted_m / picture.texel_m, 1e-6)) + 0.35)
-    level = max(0, min(len(picture.alphas) - 1, finest))
+    level = max(0, min(len(picture.levels) - 1, finest))
     texel_m = picture.texel_m * 2**level
-    forward, right = view.on_plane(place)
-    # Columns run to the right from the left edge, rows backward from the front edge.
-    column = (right - (0.0, 0.0, picture.left_m)) / texel_m - (0.0, 0.0, 0.5)
-    row = ((0.0, 0.0, picture.front_m) - forward) / texel_m - (0.0, 0.0, 0.5)
+    forward, right, depth = view.on_plane(place)
     north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
     if factor > 1:
         north, east = _enlarge(north, factor), _enlarge(east, factor)
-    u = cv2.addWeighted(north, float(column[0]), east, float(column[1]), float(column[2]))
-    v = cv2.addWeighted(north, float(row[0]), east, float(row[1]), float(row[2]))
+    # Columns run to the right from the left edge, rows backward from the front edge; texel centres at whole numbers.
+    u = _linear((right - picture.left_m * depth) / texel_m - 0.5 * depth, north, east)
+    v = _linear((picture.front_m * depth - forward) / texel_m - 0.5 * depth, north, east)
+    if place.axes is not None:
+        scale = _linear(depth, north, east)
+        cv2.divide(u, scale, dst=u)
+        cv2.divide(v, scale, dst=v)
+    drawn = cv2.remap(picture.levels[level], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    if factor > 1:
+        drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
     under = light[v0:v1, u0:u1]
-    alpha = _sample(picture.alphas[level], u, v, factor)
-    under *= np.float32(1.0) - alpha
-    if picture.values:
-        under += _sample(picture.values[level], u, v, factor)
+    alpha = drawn if picture.is_shadow else cv2.extractChannel(drawn, 1)
+    under *= np.float32(1.0) - alpha * np.float32(1.0 / FULL)
+    if not picture.is_shadow:
+        under += cv2.extractChannel(drawn, 0) * np.float32(1.0 / FULL)
 
 
 def lay_print(light: Plane, camera: Camera, view: View, layers: tuple[Layer, ...], place: Place) -> None:
-    """Lay the board and the contours on it over the light."""
+    """Lay a board, and what is printed on it, over the light."""
     board = camera.box(view, layers[0].rim_m, place)
     if board is None:
         return
     scale = view.on_plane(place)
     u0, v0, u1, v1 = board
     part = (slice(v0, v1), slice(u0, u1))
-    above_m = view.height_m - place.height_m
-    per_pixel = _per_pixel(view.north[part], view.east[part], camera.pixel_angle[part], above_m)
+    per_pixel = _per_pixel(view.north[part], view.east[part], camera.pixel_angle[part], view.distance_m(place), scale)
     for layer in layers:
         box = camera.box(view, layer.rim_m, place)
         if box is None:
-            return  # the contours inside are out of sight too
+            continue
         a0, b0, a1, b1 = max(box[0], u0), max(box[1], v0), min(box[2], u1), min(box[3], v1)
         if a1 <= a0 or b1 <= b0:
-            return
+            continue
         part = (slice(b0, b1), slice(a0, a1))
         piece = per_pixel[b0 - v0 : b1 - v0, a0 - u0 : a1 - u0]
         paint_layer(light[part], layer, (view.north[part], view.east[part]), scale, piece)
 
 
-def _per_pixel(north: Plane, east: Plane, angle: Plane, above_m: float) -> Plane:
-    """One over what a pixel measures on a plane: its angle's side grows by (1 + slope^2)^(3/4) under a slant."""
+def _per_pixel(north: Plane, east: Plane, angle: Plane, above_m: float, scale: Array) -> Plane:
+    """What takes a layer's linear form to pixels: one over what a pixel measures on the plane, and over the form's own
+    depth where the plane is tilted.
+
+    With r = (north, east, 1) and N the plane's normal the ray is |r| / (N r) times as long as the distance of the plane
+    and meets it at a cosine of N r / |r|, so a pixel's angle grows by (|r| / (N r))^(3/2) there.
+    """
     stretch = cv2.multiply(north, north)
     cv2.add(stretch, cv2.multiply(east, east), dst=stretch)
     np.add(stretch, np.float32(1.0), out=stretch)
     cv2.sqrt(stretch, dst=stretch)
     cv2.multiply(stretch, cv2.sqrt(stretch), dst=stretch)
     cv2.multiply(stretch, angle, dst=stretch)
-    return np.asarray(cv2.divide(1.0 / above_m, stretch), dtype=np.float32)
+    if scale[2][0] == 0.0 and scale[2][1] == 0.0:
+        return np.asarray(cv2.divide(1.0 / above_m, stretch), dtype=np.float32)
+    depth = np.clip(_linear(scale[2], north, east), 1e-3, None)
+    return np.asarray(cv2.divide(cv2.sqrt(depth), stretch, scale=1.0 / above_m), dtype=np.float32)
 
 
 def fill_hull(light: Plane, camera: Camera, view: View, points: Array, shade: float) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -39,7 +40,7 @@ class Layer:
     reflectance: float
 
 
-def _layer(corners: NDArray[np.float64], reflectance: float) -> Layer:
+def print_layer(corners: NDArray[np.float64], reflectance: float) -> Layer:
     """A convex polygon (n, 2) forward, right, clockwise from above."""
     sides = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -53,8 +54,8 @@ def _layer(corners: NDArray[np.float64], reflectance: float) -> Layer:
 def print_layers(landmark: Landmark) -> tuple[Layer, ...]:
     """The board, then the contours from the outside in."""
     half = landmark.quiet_zone_m / 2.0
-    board = _layer(rectangle(half, half, -half, -half), WHITE)
-    return (board, *(_layer(c.corners_m, BLACK if c.black else WHITE) for c in landmark.contours))
+    board = print_layer(rectangle(half, half, -half, -half), WHITE)
+    return (board, *(print_layer(c.corners_m, BLACK if c.black else WHITE) for c in landmark.contours))
 
 
 def paint_layer(
@@ -66,12 +67,12 @@ def paint_layer(
         light: What is there; changed.
         layer: What is painted.
         slopes: North and east per metre down of the piece's pixels.
-        scale: (2, 3) rows: forward and right on the pad are scale @ (north slope, east slope, 1).
-        per_pixel: One over what a pixel measures on the pad's plane, 1/m.
+        scale: (3, 3) View.on_plane of the pad.
+        per_pixel: One over what a pixel measures on the pad's plane, and over the depth of a tilted one, 1/m.
     """
     nearest, distance = np.empty_like(light), np.empty_like(light)
     for k, (a, b, c) in enumerate(layer.sides):
-        north, east, rest = (float(v) for v in a * scale[0] + b * scale[1] + np.array([0.0, 0.0, c]))
+        north, east, rest = (float(v) for v in a * scale[0] + b * scale[1] + c * scale[2])
         cv2.addWeighted(slopes[0], north, slopes[1], east, rest, dst=distance if k else nearest)
         if k:
             cv2.min(nearest, distance, dst=nearest)
@@ -92,10 +93,16 @@ def board_shadow(landmark: Landmark, sun_forward: float, sun_right: float) -> De
         sun_forward: Horizontal way to the sun over its height (cot of its elevation), along the pad's forward.
         sun_right: The same along the pad's right.
     """
-    half = landmark.quiet_zone_m * BOARD_MARGIN / 2.0
+    return _square_shadow(landmark.quiet_zone_m, sun_forward, sun_right)
+
+
+@lru_cache(maxsize=64)
+def _square_shadow(zone_m: float, sun_forward: float, sun_right: float) -> Decal:
+    """Of a board of this side."""
+    half = zone_m * BOARD_MARGIN / 2.0
     texel = 2.0 * half / SHADOW_TEXELS
     forward, right = grid(SHADOW_TEXELS, SHADOW_TEXELS, texel, half, -half)
-    zone = landmark.quiet_zone_m / 2.0
+    zone = zone_m / 2.0
     square = rectangle(zone, zone, -zone, -zone)
     away = np.array([-sun_forward, -sun_right]) * BOARD_THICKNESS_M
     alpha = np.maximum(0.55 * inside(forward, right, square + away, 0.006), 0.22 * inside(forward, right, square, 0.05))

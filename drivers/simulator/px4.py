@@ -7,7 +7,9 @@ detector; it knows no link: endpoint.py speaks MAVLink for it, and drivers.autop
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
+from app.errors import ConfigError
 from app.messages import FlightMode, LandedState
 from drivers.simulator.commander import Commander, Result
 from drivers.simulator.controller import Demand, Limits, PositionController, attitude_rates
@@ -27,6 +29,16 @@ SPOOL_UP_S = 1.0
 class Px4:
     """The autopilot of one vehicle.
 
+    Args:
+        plant: The vehicle.
+        seed: Of the estimate's errors.
+        estimate_error_scale: Multiplies them.
+        gnss: False: its position is the integral of its velocity, and drifts.
+        parameters: PX4's, where not its defaults.
+
+    Raises:
+        ConfigError: There is no such parameter.
+
     Attributes:
         params: PX4's parameters.
         commander: Arming and modes.
@@ -35,8 +47,22 @@ class Px4:
         uptime_s: Since it started.
     """
 
-    def __init__(self, plant: Plant, seed: int, estimate_error_scale: float = 1.0) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        seed: int,
+        estimate_error_scale: float = 1.0,
+        *,
+        gnss: bool = True,
+        parameters: Mapping[str, float] | None = None,
+    ) -> None:
         self.params = Params()
+        for name, value in (parameters or {}).items():
+            if not self.params.set(name, value):
+                raise ConfigError(
+                    f"parameters.{name} = {value:g}: the simulated PX4 has no such parameter",
+                    f"it has {', '.join(self.params.names())}",
+                )
         # PX4 estimates its hover thrust in flight (MPC_USE_HTE); here it is known from the start.
         self.params.set("MPC_THR_HOVER", plant.airframe.hover_thrust)
         self.commander = Commander(self.params)
@@ -44,7 +70,7 @@ class Px4:
         self.sticks = (0.0, 0.0, 0.0)
         self.uptime_s = 0.0
         self._plant = plant
-        self._estimator = Estimator(plant.body, seed, estimate_error_scale)
+        self._estimator = Estimator(plant.body, seed, estimate_error_scale, gnss=gnss)
         self._controller = PositionController(self.params)
         self._auto = AutoFlight(self.params)
         self._demand = Demand()

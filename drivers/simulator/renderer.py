@@ -16,11 +16,15 @@ import numpy as np
 from app.config import CameraConfig, LensConfig, WorldConfig
 from app.landmark import Landmark
 from app.messages import Image
-from drivers.simulator.daylight import glare_of, level_at
+from drivers.simulator.boat import SIDE as BOAT_SIDE
+from drivers.simulator.boat import Boat, build_boat
+from drivers.simulator.daylight import glare_of, level_at, shadow_edge
 from drivers.simulator.decals import Decal
 from drivers.simulator.landscape import Landscape
+from drivers.simulator.occluder import Occluder
 from drivers.simulator.painting import fill_hull, lay, lay_print
 from drivers.simulator.print import board_shadow, print_layers
+from drivers.simulator.prints_beside import decoy_layers, decoy_place
 from drivers.simulator.scene import LANE_OFFSET_M, LANE_PERIOD_M, drone_shadow, lane_mark
 from drivers.simulator.sensor import Sensor
 from drivers.simulator.shutter import Exposure, Shot
@@ -36,6 +40,8 @@ BLUR_STEP_PX = 1.0
 SUB_EXPOSURES_MAX = 4
 TEXTURE_SEEDS = 4
 """There are so many different lawns and roads: they are costly to make."""
+SUN_STEP_RAD = math.radians(10.0)
+"""On a bend the shadows that go with the pad are made anew after so much of a turn."""
 SHADOW_SHARP_M = 1.5
 """The vehicle's shadow is sharp on what is this near under it."""
 
@@ -62,15 +68,21 @@ class Renderer:
         self._light = world.light
         self._glare = glare_of(world.light, self._sun)
         self._first_s: float | None = None
-        turn = azimuth - math.radians(motion.heading_deg)
-        sun_on_pad = (reach * math.cos(turn), reach * math.sin(turn))
+        self._azimuth, self._reach = azimuth, reach
+        self._landmark, self._motion, self._texture_seed = landmark, motion, texture_seed
         self._layers = print_layers(landmark)
-        self._board_shadow = board_shadow(landmark, *sun_on_pad)
-        self._van: Van | None = None
-        if motion.height_m >= CARRIER_FROM_M:
-            self._van = build_van(motion.height_m, motion.deck_m, sun_on_pad, texture_seed)
+        start = Place(motion.north_m, motion.east_m, math.radians(motion.heading_deg), 0.0)
+        self._decoys = tuple((decoy_layers(d, landmark), decoy_place(d, start)) for d in world.decoys)
+        self._has_van = motion.height_m >= CARRIER_FROM_M and motion.carrier == "van"
+        self._boat: Boat | None = None
+        if motion.height_m >= CARRIER_FROM_M and motion.carrier == "boat":
+            self._boat = build_boat(motion.deck_m, texture_seed)
+        shadow = world.light.shadow
+        self._edge = shadow_edge(shadow, motion) if shadow is not None else None
+        size = (lens.height_px, lens.width_px)
+        self._occluder = Occluder(world.occlusion, size) if world.occlusion is not None else None
         self._lane = lane_mark() if world.ground == "asphalt" else None
-        self._lane_place = Place(motion.north_m, motion.east_m, math.radians(motion.heading_deg), 0.0)
+        self._lane_place = start
         self._drone = drone_shadow()
 
     # ---------------------------------------------------------------------------------------------------- one frame
@@ -84,6 +96,8 @@ class Renderer:
             self._first_s = truth.t_s
         level = level_at(self._light, truth.t_s - self._first_s)
         exposure_s = self._sensor.exposure_s(told)
+        if self._occluder is not None and self._occluder.hides(truth):
+            return self._sensor.develop(self._occluder.light(), level, told)
         count = self._sub_exposures(truth, exposure_s)
         if count == 1:
             return self._sensor.develop(self._draw(self._camera.look(truth)), level, told)
@@ -105,32 +119,55 @@ class Renderer:
         moved_px = speed * self._camera.lens.focal_px * exposure_s
         return max(1, min(SUB_EXPOSURES_MAX, math.ceil(moved_px / BLUR_STEP_PX)))
 
+    def _sun_on_pad(self, view: View) -> tuple[float, float]:
+        """Horizontal way to the sun over its height, along the pad's forward and right; in steps of SUN_STEP_RAD."""
+        turn = round((self._azimuth - view.truth.pad.heading_rad) / SUN_STEP_RAD) * SUN_STEP_RAD
+        if self._motion.bend_radius_m == 0.0:
+            turn = self._azimuth - math.radians(self._motion.heading_deg)
+        return self._reach * math.cos(turn), self._reach * math.sin(turn)
+
     def _draw(self, view: View) -> Plane:
         """Light of one instant, (height, width). What is covered whole by something nearer is left out."""
-        camera, place = self._camera, view.pad_place
-        roof = self._van.panels[-1].picture if self._van is not None else None
+        camera, place, sun = self._camera, view.pad_place, self._sun_on_pad(view)
+        van = build_van(self._motion.height_m, self._motion.deck_m, sun, self._texture_seed) if self._has_van else None
+        deck = van.panels[-1].picture if van is not None else self._boat.deck if self._boat is not None else None
         if camera.is_filled(view, self._layers[0].rim_m, place):
             light = np.zeros_like(view.north)
-        elif roof is not None and camera.is_filled(view, 0.9 * roof.rim_m, place):
+        elif deck is not None and camera.is_filled(view, 0.9 * deck.rim_m, place) and self._boat is None:
             light = np.zeros_like(view.north)
-            lay(light, camera, view, roof, place)
+            lay(light, camera, view, deck, place)
         else:
-            light = self._draw_surroundings(view)
-        lay(light, camera, view, self._board_shadow, place)
+            light = self._draw_surroundings(view, van)
+        lay(light, camera, view, board_shadow(self._landmark, *sun), place)
         lay_print(light, camera, view, self._layers, place)
         self._draw_drone_shadow(light, view, place.height_m)
+        if self._edge is not None:
+            self._edge.dim(light, view)
         if self._glare is not None:
             self._glare.add(light, view.north, view.east)
         return light
 
-    def _draw_surroundings(self, view: View) -> Plane:
-        """All but the board: ground and sky, the lane's line, the van and what it shades."""
+    def _draw_surroundings(self, view: View, van: Van | None) -> Plane:
+        """All but the board: ground and sky, the lane's line, decoys, the van or boat and what it shades."""
         light = self._landscape.draw(view)
         if self._lane is not None:
             self._draw_lane(light, view, self._lane)
-        if self._van is not None:
-            self._draw_van(light, view, self._van)
+        for layers, at in self._decoys:
+            lay_print(light, self._camera, view, layers, at)
+        if van is not None:
+            self._draw_van(light, view, van)
+        if self._boat is not None:
+            self._draw_boat(light, view, self._boat)
         return light
+
+    def _draw_boat(self, light: Plane, view: View, boat: Boat) -> None:
+        """Its sides, from the deck's rim to the water, then its deck."""
+        high = view.pad_place.world(boat.outline)
+        low = high * (1.0, 1.0, 0.0)
+        if view.height_m > -float(high[:, 2].min()) + 0.1:
+            ends = np.vstack([high, low]) - view.position
+            fill_hull(light, self._camera, view, ends[:, :2] / ends[:, 2:], BOAT_SIDE)
+        lay(light, self._camera, view, boat.deck, view.pad_place)
 
     def _draw_lane(self, light: Plane, view: View, mark: Decal) -> None:
         """Dashes of the lane's line near the camera, to the left of the way that the pad drives."""
@@ -138,7 +175,7 @@ class Renderer:
         along = float(view.on_plane(lane)[0, 2])
         reach = 3.0 * max(1.0, view.height_m)
         for k in range(math.ceil((along - reach) / LANE_PERIOD_M), math.floor((along + reach) / LANE_PERIOD_M) + 1):
-            north, east = lane.world(np.array([[LANE_PERIOD_M * k, LANE_OFFSET_M]]))[0]
+            north, east, _ = lane.world(np.array([[LANE_PERIOD_M * k, LANE_OFFSET_M]]))[0]
             lay(light, self._camera, view, mark, Place(float(north), float(east), lane.heading_rad, 0.0))
 
     def _draw_van(self, light: Plane, view: View, van: Van) -> None:
@@ -153,7 +190,7 @@ class Renderer:
         top = 0.98 * van.body_height_m
         if view.height_m > top + 0.1:
             # The sides are the hull of the body's outline on the road, at the bonnet's height, and under the roof.
-            body = place.world(van.body) - view.position[:2]
+            body = place.world(van.body)[:, :2] - view.position[:2]
             low, middle, high = (body / (view.height_m - level) for level in (0.12, 0.55 * top, top))
             fill_hull(light, self._camera, view, np.vstack([low, middle, high[2:]]), SIDE)
         for panel in van.panels:

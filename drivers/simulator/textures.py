@@ -21,8 +21,11 @@ TILE_PX = 2048
 TILE_M = 2.56
 """1.25 mm a texel: finer than a pixel from 0.6 m up."""
 WIDE_PX = 512
+FINE_STEP = 1.0 / 4096.0
+"""Of the fine tiles' whole numbers: 16 bits warp in two thirds of the time of floats."""
 SEAM_PX = 2
 """Each tile is stored with this many of its first rows and columns again behind its last: no seam when interpolated."""
+REFLECTANCE = {"lawn": 0.105, "asphalt": 0.13, "water": 0.07}
 PATCH_M = 11.3
 LAND_M = 137.0
 
@@ -32,37 +35,37 @@ class Ground:
     """The textures of one kind of ground.
 
     Attributes:
-        fine: Square tiles from TILE_PX down, each 1 / sqrt 2 of the one before; all TILE_M wide.
+        fine: Square tiles from TILE_PX down, each 1 / sqrt 2 of the one before; all TILE_M wide; in FINE_STEPs.
         patches: Square tile, PATCH_M wide.
         land: Square tile, LAND_M wide.
         reflectance: Mean.
     """
 
-    fine: tuple[Plane, ...]
+    fine: tuple[NDArray[np.uint16], ...]
     patches: Plane
     land: Plane
     reflectance: float
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def ground(kind: str, seed: int) -> Ground:
-    """The ground of a kind ("lawn" or "asphalt"); the same for the same seed."""
+    """The ground of a kind ("lawn", "asphalt" or "water"); the same for the same seed."""
     source = np.random.default_rng((seed, 11))
-    base = _lawn(source) if kind == "lawn" else _asphalt(source)
+    base = {"lawn": _lawn, "asphalt": _asphalt, "water": _water}[kind](source)
     base = (base / base.mean()).astype(np.float32)
     fine, k = [base], 1
     while round(TILE_PX / 2 ** (k / 2)) >= 16:
         size = round(TILE_PX / 2 ** (k / 2))
         fine.append(_shrink(base, size))
         k += 1
-    lawn = kind == "lawn"
+    patchy, hilly = {"lawn": (0.16, 0.12), "asphalt": (0.08, 0.06), "water": (0.20, 0.15)}[kind]
     patches = _clouds(source, WIDE_PX, (3.0, 9.0, 30.0), (0.5, 0.7, 1.0))
     land = _clouds(source, WIDE_PX, (4.0, 16.0, 60.0), (0.6, 0.7, 1.0))
     return Ground(
-        tuple(_seamless(tile) for tile in fine),
-        _seamless(np.clip(1.0 + (0.16 if lawn else 0.08) * patches, 0.4, 1.7)),
-        _seamless(np.clip(1.0 + (0.12 if lawn else 0.06) * land, 0.5, 1.6)),
-        0.105 if lawn else 0.13,
+        tuple(np.round(np.clip(_seamless(tile) / FINE_STEP, 0, 65535)).astype(np.uint16) for tile in fine),
+        _seamless(np.clip(1.0 + patchy * patches, 0.4, 1.7)),
+        _seamless(np.clip(1.0 + hilly * land, 0.5, 1.6)),
+        REFLECTANCE[kind],
     )
 
 
@@ -169,5 +172,15 @@ def _asphalt(source: np.random.Generator) -> Plane:
         points = points[(points > 20).all(axis=1) & (points < TILE_PX - 20).all(axis=1)]
         cv2.polylines(crack, [points], False, 255, 2, cv2.LINE_AA)
     tile *= 1.0 - 0.55 * cv2.GaussianBlur(crack, (0, 0), 1.0).astype(np.float32) / 255.0
+    result: Plane = np.clip(tile, 0.15, None).astype(np.float32)
+    return result
+
+
+def _water(source: np.random.Generator) -> Plane:
+    """Choppy water from above: wavelets that mirror more or less of the sky, some foam. It stands still."""
+    coarse = _clouds(source, 512, (3.0, 8.0), (0.7, 1.0))
+    big = cv2.resize(np.pad(coarse, 1, mode="wrap"), None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)[4:-4, 4:-4]
+    small = _grain(source, 3.0)
+    tile = 1.0 + 0.35 * np.tanh(big) + 0.15 * small + 2.0 * np.clip(big - 2.2, 0.0, 1.0)
     result: Plane = np.clip(tile, 0.15, None).astype(np.float32)
     return result

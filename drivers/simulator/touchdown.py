@@ -25,13 +25,15 @@ class Contact:
         kind: "touchdown", "rest" (the motors stopped) or "crash".
         t_s: When.
         on_deck: It stands on the square that can be landed on.
-        error_m: Horizontal distance of the body's origin from the landmark's centre.
-        forward_m: Of that, along the pad's forward axis.
-        right_m: Of that, along the pad's right.
+        error_m: Distance of the body's origin from the landmark's centre, along the deck.
+        forward_m: Of that, along the deck's forward axis.
+        right_m: Of that, along the deck's right.
         relative_speed_m_s: Horizontal speed relative to the pad.
         sink_m_s: Speed downward, just before.
         tilt_rad: Of the vehicle.
         detail: Of a crash: what happened.
+        deck_tilt_rad: Of the deck.
+        impact_m_s: Speed relative to the deck's point under the vehicle, all three axes, just before.
     """
 
     kind: str
@@ -44,6 +46,8 @@ class Contact:
     sink_m_s: float
     tilt_rad: float
     detail: str = ""
+    deck_tilt_rad: float = 0.0
+    impact_m_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +87,7 @@ class TouchdownWatch:
         self._armed = False
         self._crashed = False
         self._sink = 0.0
+        self._impact = 0.0
 
     def step(self, seen: Seen, pad: PadState) -> list[Contact]:
         """Contacts that happened since the last call."""
@@ -93,6 +98,7 @@ class TouchdownWatch:
             if seen.t_s - self._clear_since_s >= CLEAR_FOR_S and seen.clearance_m >= CLEAR_BY_M:
                 self._airborne = self._flown = True
             self._sink = seen.vel[2]
+            self._impact = math.dist(seen.vel, pad.velocity_at(*seen.pos))
         else:
             self._clear_since_s = None
             if self._airborne:
@@ -107,7 +113,8 @@ class TouchdownWatch:
         return found
 
     def _contact(self, kind: str, seen: Seen, pad: PadState) -> Contact:
-        forward, right = pad.offset_m(seen.pos[0], seen.pos[1])
+        forward, right, _ = pad.on_deck_m(*seen.pos)
+        own = pad.velocity_at(*seen.pos)
         return Contact(
             kind,
             seen.t_s,
@@ -115,8 +122,10 @@ class TouchdownWatch:
             math.hypot(forward, right),
             forward,
             right,
-            math.hypot(seen.vel[0] - pad.vel_north_m_s, seen.vel[1] - pad.vel_east_m_s),
+            math.hypot(seen.vel[0] - own[0], seen.vel[1] - own[1]),
             self._sink,
             seen.tilt_rad,
             seen.crashed or "",
+            pad.tilt_rad,
+            self._impact,
         )

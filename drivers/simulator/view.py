@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -27,25 +27,39 @@ CLOSEST_M = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a flat thing lies: the origin and heading of its frame (forward, right), and its height.
+    """Where a flat thing lies: the origin and heading of its frame (forward, right), its height, and its tilt.
 
     Attributes:
         north_m: Of its origin.
         east_m: Of its origin.
         heading_rad: Of its forward axis.
-        height_m: Over the ground.
+        height_m: Of its origin over the ground.
+        axes: (3, 3) rows: its forward, right and down axis, each north, east, down; None: it lies level.
     """
 
     north_m: float
     east_m: float
     heading_rad: float
     height_m: float
+    axes: Array | None = None
 
     def world(self, points_m: Array) -> Array:
-        """(n, 2) north, east of points (n, 2) forward, right."""
+        """(n, 3) north, east, down of points (n, 2) forward, right."""
+        origin = (self.north_m, self.east_m, -self.height_m)
+        if self.axes is not None:
+            tilted: Array = points_m @ self.axes[:2] + origin
+            return tilted
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        result: Array = points_m @ np.array([[c, s], [-s, c]]) + (self.north_m, self.east_m)
+        result: Array = points_m @ np.array([[c, s, 0.0], [-s, c, 0.0]]) + origin
         return result
+
+    def over(self, height_m: float) -> Place:
+        """The same at another height over the ground, along its down axis."""
+        if self.axes is None:
+            return replace(self, height_m=height_m)
+        rise = height_m - self.height_m
+        north, east = self.axes[2][:2] * -rise
+        return replace(self, north_m=self.north_m + north, east_m=self.east_m + east, height_m=height_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +89,38 @@ class View:
     def pad_place(self) -> Place:
         """The pad's frame, at its height."""
         pad = self.truth.pad
-        return Place(pad.north_m, pad.east_m, pad.heading_rad, -pad.down_m)
+        axes = None if pad.is_level else np.array(pad.axes)
+        return Place(pad.north_m, pad.east_m, pad.heading_rad, -pad.down_m, axes)
 
     def on_plane(self, place: Place) -> Array:
-        """(2, 3) forward and right in a place's frame are this @ (north slope, east slope, 1) of a pixel."""
+        """(3, 3): forward and right in a place's frame are the first two rows of this @ (north slope, east slope, 1) of
+        a pixel, over the third; the third is (0, 0, 1) where the place lies level.
+        """
         above = self.height_m - place.height_m
         c, s = math.cos(place.heading_rad), math.sin(place.heading_rad)
         dn, de = float(self.position[0]) - place.north_m, float(self.position[1]) - place.east_m
-        return np.array([[above * c, above * s, c * dn + s * de], [-above * s, above * c, c * de - s * dn]])
+        if place.axes is not None:
+            # The ray cam + t r meets the plane at t = h / (N r), h being the distance along the plane's normal N.
+            normal = place.axes[2]
+            away = np.array([dn, de, -above])
+            h = -float(normal @ away)
+            rows = [h * axis + float(axis @ away) * normal for axis in place.axes[:2]]
+            return np.array([*rows, normal])
+        return np.array(
+            [
+                [above * c, above * s, c * dn + s * de],
+                [-above * s, above * c, c * de - s * dn],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+
+    def distance_m(self, place: Place) -> float:
+        """Of the optical centre from a place's plane, along its normal."""
+        above = self.height_m - place.height_m
+        if place.axes is None:
+            return above
+        dn, de = float(self.position[0]) - place.north_m, float(self.position[1]) - place.east_m
+        return -float(place.axes[2] @ (dn, de, -above))
 
 
 def _combine(planes: tuple[Plane, ...], weights: Array, out: Plane) -> None:
@@ -130,35 +168,39 @@ class Camera:
         north, east, down = self._planes
         for plane, row in zip(self._planes, world_from_cam, strict=True):
             _combine(self._rays, row, plane)
-        np.maximum(down, np.float32(HORIZON), out=down)
+        np.clip(down, HORIZON, 2.0, out=down)
         cv2.divide(north, down, dst=north)
         cv2.divide(east, down, dst=east)
         pad = truth.pad
-        moved = (pad.north_m + shift_s * pad.vel_north_m_s, pad.east_m + shift_s * pad.vel_east_m_s)
         shifted = Truth(
             truth.t_s + shift_s,
             (float(position[0]), float(position[1]), float(position[2])),
             truth.vel,
             truth.q,
             truth.rates,
-            type(pad)(*moved, pad.down_m, pad.vel_north_m_s, pad.vel_east_m_s, pad.heading_rad, pad.deck_half_m),
+            replace(
+                pad,
+                north_m=pad.north_m + shift_s * pad.vel_north_m_s,
+                east_m=pad.east_m + shift_s * pad.vel_east_m_s,
+                down_m=pad.down_m + shift_s * pad.vel_down_m_s,
+                heading_rad=pad.heading_rad + shift_s * pad.heading_rate_rad_s,
+                roll_rad=pad.roll_rad + shift_s * pad.roll_rate_rad_s,
+                pitch_rad=pad.pitch_rad + shift_s * pad.pitch_rate_rad_s,
+            ),
         )
         return View(position + world_from_body @ self._position_body_m, world_from_cam, north, east, shifted)
 
     def box(self, view: View, rim_m: Array, place: Place) -> Box | None:
         """What of the image an outline (n, 2) forward, right may cover; None: nothing."""
-        if view.height_m - place.height_m < CLOSEST_M:
+        if view.distance_m(place) < CLOSEST_M:
             return None
-        points = np.empty((len(rim_m), 3))
-        points[:, :2], points[:, 2] = place.world(rim_m), -place.height_m
-        pixels = self.lens.project((points - view.position) @ view.world_from_cam)
+        pixels = self.lens.project((place.world(rim_m) - view.position) @ view.world_from_cam)
         width, height = self.lens.width, self.lens.height
-        seen = ~np.isnan(pixels[:, 0])
-        if not seen.any():
-            return None
-        low, high = np.nanmin(pixels, axis=0), np.nanmax(pixels, axis=0)
-        if not seen.all():
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        if math.isnan(low[0]):
             # Part of the rim is out of the lens's sight: the pixels of the rest bound nothing.
+            if np.isnan(pixels[:, 0]).all():
+                return None
             low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
         # A side bends between its points by a distorted lens: two pixels more, and a share of the size.
         margin = 2.0 + 0.02 * float((high - low).max())
@@ -168,7 +210,7 @@ class Camera:
 
     def is_filled(self, view: View, rim_m: Array, place: Place) -> bool:
         """Whether the image's border lies inside the rectangle about a rim: nothing but what it bounds shows."""
-        if view.height_m - place.height_m < CLOSEST_M:
+        if view.distance_m(place) < CLOSEST_M:
             return False
         scale = view.on_plane(place)
         low, high = 0.98 * rim_m.min(axis=0), 0.98 * rim_m.max(axis=0)
@@ -177,8 +219,9 @@ class Camera:
             (slice(None, None, 16), slice(None, None, self.lens.width - 1)),
         ):
             north, east = view.north[part], view.east[part]
-            for row, least, most in zip(scale, low, high, strict=True):
-                along = row[0] * north + row[1] * east + row[2]
+            depth = scale[2][0] * north + scale[2][1] * east + scale[2][2]
+            for row, least, most in zip(scale[:2], low, high, strict=True):
+                along = (row[0] * north + row[1] * east + row[2]) / depth
                 if along.min() < least or along.max() > most:
                     return False
         return True

@@ -80,6 +80,12 @@ class SimulatedWorld:
         """What is true now. For the review of a flight; the application must not see it."""
         return self.world.truth()
 
+    def boot(self) -> None:
+        """Let the autopilot come up to where it can be armed, before the first frame is taken. Call it before run."""
+        while not self.world.px4.commander.ready:
+            self.world.step()
+        self._frame_due_s = self.world.t_s + self._frame_period_s
+
     async def run(self) -> None:
         """Keep the world at the present, until cancelled."""
         world = self.world

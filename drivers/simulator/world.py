@@ -57,9 +57,10 @@ class World:
 
     def __init__(self, config: WorldConfig, estimate_error_scale: float = 1.0) -> None:
         self.t_s = 0.0
-        self.plant = Plant()
-        self.px4 = Px4(self.plant, config.seed * 7919 + 1, estimate_error_scale)
-        self.pad = Pad(config.motion)
+        self.plant = Plant(heading_rad=math.radians(config.start_heading_deg))
+        errors = estimate_error_scale * config.estimate_error
+        self.px4 = Px4(self.plant, config.seed * 7919 + 1, errors, gnss=config.gnss, parameters=config.parameters)
+        self.pad = Pad(config.motion, config.seed)
         self.contacts: list[Contact] = []
         self._wind = Wind(config.wind_m_s, config.wind_from_deg, config.gust_m_s, config.seed * 7919 + 2)
         self._watch = TouchdownWatch()
@@ -70,7 +71,8 @@ class World:
         self._steps += 1
         self.t_s = self._steps * STEP_S
         self.px4.step(STEP_S)
-        pad = self.pad.step(STEP_S, self.plant.height_m)
+        body = self.plant.body
+        pad = self.pad.step(STEP_S, self.plant.height_m, (body.n, body.e))
         self.plant.step(STEP_S, self._wind.step(STEP_S), pad)
         self.contacts += self._watch.step(self._seen(pad), pad)
         if self.plant.crashed is not None and self.px4.commander.armed:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.config import GuidanceConfig
-from app.guidance.descent import Descent, cone_radius_m, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, cone_radius_m, predicted_error_m, sink_speed_m_s, step_descent
 
 CONFIG = GuidanceConfig(
     cone_height_m=3.0,
@@ -58,9 +61,53 @@ def test_commit_needs_height_place_and_speed_at_once(error_m, height_m, speed_m_
     assert step_descent(Descent(True), error_m, height_m, speed_m_s, CONFIG).committed is committed
 
 
-def test_commit_outlasts_everything():
-    held = Descent(in_cone=True, committed=True)
-    assert step_descent(held, 99.0, 99.0, 99.0, CONFIG) == held
+COMMITTED = Descent(in_cone=True, committed=True)
+
+
+@pytest.mark.parametrize(
+    ("predicted_m", "committed"),
+    [(0.09, True), (0.11, False)],  # the touchdown circle is 0.1 m
+)
+def test_commit_needs_the_predicted_place_too(predicted_m, committed):
+    assert step_descent(Descent(True), 0.05, 0.49, 0.1, CONFIG, predicted_m).committed is committed
+
+
+@pytest.mark.parametrize(
+    ("error_ne_m", "relative_ne_m_s", "predicted_m"),
+    [((0.0, 0.0), (0.0, 0.0), 0.0), ((0.03, 0.0), (0.2, 0.0), 0.10), ((0.07, 0.0), (-0.2, 0.0), 0.0)],
+)
+def test_predicted_error_adds_what_the_relative_velocity_does_in_a_third_of_a_second(
+    error_ne_m, relative_ne_m_s, predicted_m
+):
+    assert predicted_error_m(np.array(error_ne_m), np.array(relative_ne_m_s)) == pytest.approx(predicted_m)
+
+
+@pytest.mark.parametrize(("lean_deg", "committed"), [(3.9, True), (4.1, False)])
+def test_commit_waits_for_a_calm_deck(lean_deg, committed):
+    assert step_descent(Descent(True), 0.0, 0.49, 0.0, CONFIG, 0.0, math.radians(lean_deg)).committed is committed
+
+
+@pytest.mark.parametrize("height_m", [0.28, 0.1, -1.0])
+def test_commit_near_the_deck_outlasts_everything(height_m):
+    assert step_descent(COMMITTED, 99.0, height_m, 99.0, CONFIG, 99.0, 1.0) == COMMITTED
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "predicted_m", "lean_deg", "kept"),
+    [
+        pytest.param(0.5, 0.14, 5.9, True, id="within one and a half times each limit"),
+        pytest.param(0.61, 0.14, 5.9, False, id="fast"),
+        pytest.param(0.5, 0.16, 5.9, False, id="off"),
+        pytest.param(0.5, 0.14, 6.1, False, id="leaning"),
+    ],
+)
+def test_commit_that_would_miss_is_taken_back_while_it_is_high_enough(speed_m_s, predicted_m, lean_deg, kept):
+    found = step_descent(COMMITTED, 0.05, 0.29, speed_m_s, CONFIG, predicted_m, math.radians(lean_deg))
+    assert found.committed is kept
+
+
+def test_sink_once_committed_is_the_touchdown_speed_all_the_way():
+    held = COMMITTED
     assert sink_speed_m_s(held, 0.05, CONFIG) == sink_speed_m_s(held, 9.0, CONFIG) == 0.6
 
 

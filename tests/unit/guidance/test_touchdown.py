@@ -68,6 +68,18 @@ def test_contact_is_held_for_seven_seconds_under_the_noise_that_was_measured(see
     assert memory.held_s(16.0) >= 7.0
 
 
+@pytest.mark.parametrize(("fall_s", "kept"), [(0.12, True), (0.2, False)])
+def test_contact_outlasts_the_fall_from_two_feet_onto_four(fall_s, kept):
+    _, memory = run(lambda t: 0.6 if t < 2.0 or 3.0 <= t < 3.0 + fall_s else 0.0, seconds=3.3)
+    assert memory.contact is kept
+
+
+def test_press_is_asked_for_a_tenth_of_a_second_after_the_sink_stops():
+    memory = Contact(sinking_since_s=0.0, stopped_since_s=2.0)
+    assert [memory.presses(t) for t in (2.05, 2.15)] == [False, True]
+    assert not Contact(sinking_since_s=0.0).presses(9.0)
+
+
 def test_contact_held_counts_from_the_standstill():
     _, memory = run(lambda t: 0.6 if t < 2.0 else 0.0, seconds=4.0)
     assert memory.held_s(4.0) == pytest.approx(2.0, abs=0.03)

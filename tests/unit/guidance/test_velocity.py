@@ -177,9 +177,33 @@ def committed(now_s: float = 100.0) -> tuple[VelocityController, Goal]:
 
 def test_landing_that_is_committed_sinks_on_without_the_pad():
     steering, goal = committed()
-    turns = run(steering, goal, pad(100.0), lambda t: vehicle(t, (0.0, 0.0, -0.2)), seconds=3.0, from_s=100.02)
-    assert turns[-1][0].vel_ned_m_s[2] == pytest.approx(0.6)
-    assert all(status.committed for _, status in turns)
+    sinking = run(
+        steering, goal, pad(100.0), lambda t: vehicle(t, (0.0, 0.0, -0.2), (0.0, 0.0, 0.6)), seconds=3.0, from_s=100.02
+    )
+    assert sinking[-1][0].vel_ned_m_s[2] == pytest.approx(0.6)
+    assert all(status.committed and not status.contact for _, status in sinking)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "seconds", "sink_m_s"),
+    [
+        pytest.param(0.0, 0.4, 0.6, id="sink has just begun"),
+        pytest.param(0.0, 0.8, 1.5, id="at rest and level"),
+        pytest.param(25.0, 0.8, 0.6, id="at rest and leaning into the wind of a fast drive"),
+        pytest.param(25.0, 1.2, 1.5, id="in contact"),
+    ],
+)
+def test_landing_presses_onto_the_pad_once_it_stands(roll_deg, seconds, sink_m_s):
+    """0.5 s for the sink to build up; then 0.1 s at rest, or 0.35 s for a contact."""
+    steering, goal = committed()
+    half = math.radians(roll_deg) / 2.0
+    leaning = np.array([math.cos(half), math.sin(half), 0.0, 0.0])
+
+    def standing(now_s: float) -> VehicleState:
+        return replace(vehicle(now_s, (0.0, 0.0, -0.2)), q_ned_from_body_wxyz=leaning)
+
+    turns = run(steering, goal, pad(100.0), standing, seconds=seconds, from_s=100.02)
+    assert turns[-1][0].vel_ned_m_s[2] == pytest.approx(sink_m_s)
 
 
 def test_landing_that_is_committed_goes_on_with_the_last_track_when_the_new_one_is_unusable():
