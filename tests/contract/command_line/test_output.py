@@ -21,11 +21,11 @@ def test_help_lists_every_command_with_a_line(alight, arguments):
     done = alight(*arguments)
     assert (done.code, done.err) == (0, "")
     listed = dict(line.split(maxsplit=1) for line in done.out.partition("Commands:")[2].splitlines() if line.strip())
-    assert list(listed) == ["demo", "run", "phone", "check", "detect", "landmark", "calibrate"]
+    assert list(listed) == ["demo", "run", "phone", "check", "campaign", "detect", "landmark", "calibrate"]
     assert all(words.endswith(".") for words in listed.values())
 
 
-@pytest.mark.parametrize("command", ["demo", "run", "phone", "check", "landmark", "detect"])
+@pytest.mark.parametrize("command", ["demo", "run", "phone", "check", "campaign", "landmark", "detect"])
 def test_help_of_a_command_tells_its_options(alight, command):
     done = alight(command, "--help")
     assert done.code == 0
