@@ -45,6 +45,10 @@ DELAY_MAX_S = 0.1
 """No camera's time is further off; what looks so is something else."""
 DELAY_NEAREST_M = 0.4
 """Nearer to the pad the vehicle soon stands on it, and PX4's velocity is no measure of how it moves."""
+DELAY_SPEED_SIGMA_M_S = 0.7
+"""As long as the pad's speed is less known than this the offset can't be told from it: their product is measured."""
+SLOW_S = 0.5
+"""Time constant of the pad's velocity by which the offset is weighed."""
 DELAY_DRIFT_S = 0.5e-3
 """Random walk of the offset, a second to each root of a second."""
 
@@ -92,6 +96,7 @@ class TargetEstimator:
         self._last_fix: PadFix | None = None
         self._deck: DeckTilt | None = None
         self._delay = _Delay(0.0, config.delay_sigma_s**2, np.zeros(6))
+        self._slow_vel_ned_m_s = np.zeros(3)
 
     @property
     def track(self) -> PadTrack | None:
@@ -116,7 +121,9 @@ class TargetEstimator:
         predicted = replace(predicted, pos_ned_m=predicted.pos_ned_m + self._slip_m(fix))
         prior, look = self._joint(track, predicted, fix)
         s_matrix = look @ prior @ look.T + fix.covariance_ned_m2
-        innovation = fix.pad_pos_ned_m - predicted.pos_ned_m - look[:, 6] * self._delay.mean_s
+        innovation = fix.pad_pos_ned_m - predicted.pos_ned_m
+        if fix.shift_ned_m_s is not None:
+            innovation = innovation - self._delay.mean_s * (predicted.vel_ned_m_s - fix.shift_ned_m_s)
         distance2 = float(innovation @ np.linalg.solve(s_matrix, innovation))
         if distance2 > self._config.gate_sigma**2:
             rejected = track.fixes_rejected_in_row + 1
@@ -125,7 +132,9 @@ class TargetEstimator:
             self._track = replace(track, fixes_rejected_in_row=rejected)
             return self._track
         gain = prior @ look.T @ np.linalg.inv(s_matrix)
-        if float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M:
+        speed_variance = float(np.trace(predicted.covariance[3:, 3:]))
+        near = float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M
+        if near or speed_variance > DELAY_SPEED_SIGMA_M_S**2:
             gain[6] = 0.0  # Schmidt's: what is known of it counts, nothing is learnt
         correction = gain @ innovation
         keep = np.eye(7) - gain @ look
@@ -133,13 +142,16 @@ class TargetEstimator:
         covariance = posterior[:6, :6]
         delay_s = max(-DELAY_MAX_S, min(DELAY_MAX_S, self._delay.mean_s + float(correction[6])))
         self._delay = _Delay(delay_s, float(posterior[6, 6]), posterior[:6, 6])
+        dt_s = fix.t_capture_s - track.t_capture_s
+        velocity = predicted.vel_ned_m_s + correction[3:6]
+        self._slow_vel_ned_m_s = self._slow_vel_ned_m_s + dt_s / (SLOW_S + dt_s) * (velocity - self._slow_vel_ned_m_s)
         yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
         self._last_fix = fix
         self._update_deck(fix)
         self._track = PadTrack(
             t_capture_s=fix.t_capture_s,
             pos_ned_m=predicted.pos_ned_m + correction[:3],
-            vel_ned_m_s=predicted.vel_ned_m_s + correction[3:6],
+            vel_ned_m_s=velocity,
             covariance=covariance,
             yaw_ned_rad=yaw_rad,
             yaw_rate_rad_s=yaw_rate_rad_s,
@@ -153,7 +165,12 @@ class TargetEstimator:
         return self._track
 
     def _joint(self, track: PadTrack, predicted: PadTrack, fix: PadFix) -> tuple[Array, Array]:
-        """(7, 7) covariance of the predicted track and the offset, and (3, 7) how a fix depends on them."""
+        """(7, 7) covariance of the predicted track and the offset, and (3, 7) how a fix depends on them.
+
+        How it depends on the offset is worked out with the pad's velocity of a while before: that of now has the noise
+        of the last fixes in it, against which the next one stands out, and the product of the two would pass for an
+        offset.
+        """
         dt_s = fix.t_capture_s - track.t_capture_s
         prior = np.empty((7, 7))
         prior[:6, :6] = predicted.covariance
@@ -162,7 +179,8 @@ class TargetEstimator:
         prior[6, 6] = self._delay.variance_s2 + drift
         look = np.eye(3, 7)
         if fix.shift_ned_m_s is not None:
-            look[:, 6] = predicted.vel_ned_m_s - fix.shift_ned_m_s
+            look[:, 3:6] = self._delay.mean_s * np.eye(3)
+            look[:, 6] = self._slow_vel_ned_m_s - fix.shift_ned_m_s
         return prior, look
 
     def _update_deck(self, fix: PadFix) -> None:
@@ -188,6 +206,7 @@ class TargetEstimator:
     def _start(self, fix: PadFix) -> PadTrack:
         self._last_fix = fix
         self._delay = replace(self._delay, with_track=np.zeros(6))
+        self._slow_vel_ned_m_s = np.zeros(3)
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = fix.covariance_ned_m2
         covariance[3:, 3:] = np.eye(3) * VELOCITY_SIGMA_AT_START_M_S**2

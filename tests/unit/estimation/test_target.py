@@ -288,3 +288,94 @@ def test_velocity_carries_the_error_of_px4s_velocity():
         track = estimator.update(fix(100.0 + k * FRAME_S, (2.0, 0.0, 2.5), travelled_ned_m=travelled))
     np.testing.assert_allclose(track.vel_ned_m_s, [0.1, 0.0, 0.0], atol=0.01)
     np.testing.assert_allclose(track.pos_ned_m, [2.0, 0.0, 2.5], atol=0.01)
+
+
+# ------------------------------------------------------------------------------------------------------ time and turn
+def mistimed(offset_s: float, seconds: float, pad_vel, noise_m: float = 0.005) -> list[PadFix]:
+    """Fixes of a pad that drives straight on, from frames exposed so much later than they say; the vehicle sways by
+    0.6 m along each axis at 0.5 Hz, level, in a frame in which PX4 is never wrong. PX4's attitude makes a fix less sure
+    than its noise.
+    """
+    noise, w = np.random.default_rng(5), 2.0 * math.pi * 0.5
+    phases = np.array([0.0, 1.0, 2.0])
+
+    def vehicle(t: float) -> tuple[np.ndarray, np.ndarray]:
+        sway = 0.6 * np.sin(w * t + phases)
+        return (np.array(pad_vel) * t + sway + (0.0, 0.0, -1.0), np.array(pad_vel) + 0.6 * w * np.cos(w * t + phases))
+
+    fixes = []
+    for t in np.arange(round(seconds / FRAME_S)) * FRAME_S:
+        at, vel = vehicle(t)
+        seen = np.array(pad_vel) * (t + offset_s) - vehicle(t + offset_s)[0] + noise_m * noise.standard_normal(3)
+        told = fix(100.0 + t, tuple(at + seen), sigma_m=0.02, pad_from_vehicle_ned_m=seen)
+        fixes.append(replace(told, travelled_ned_m=at, shift_ned_m_s=vel))
+    return fixes
+
+
+@pytest.mark.parametrize("offset_s", [0.04, -0.03, 0.0])
+@pytest.mark.parametrize("pad_vel", [(0.0, 0.0, 0.0), (3.5, -1.5, 0.0)])
+def test_frames_that_are_exposed_later_than_they_say_show_by_how_much(offset_s, pad_vel):
+    estimator = TargetEstimator(CONFIG)
+    tracks = [estimator.update(one) for one in mistimed(offset_s, 20.0, pad_vel)]
+    last = tracks[-1]
+    assert last.delay_s == pytest.approx(offset_s, abs=0.004 + 0.3 * abs(offset_s))
+    assert abs(last.delay_s - offset_s) < 2.5 * last.delay_sigma_s < 0.02
+    np.testing.assert_allclose(last.pos_ned_m, np.array(pad_vel) * (last.t_capture_s - 100.0), atol=0.02)
+
+
+def test_known_offset_leaves_the_pads_velocity_calm():
+    """A driving pad's velocity and the offset enter a fix as a product: taken apart wrongly they shake each other."""
+    estimator = TargetEstimator(CONFIG)
+    tracks = [estimator.update(one) for one in mistimed(0.04, 30.0, (3.5, -1.5, 0.0))]
+    off = [np.abs(t.vel_ned_m_s - (3.5, -1.5, 0.0)).max() for t in tracks[150:]]
+    assert max(off) < 0.25
+    assert tracks[-1].fixes_accepted == len(tracks)
+
+
+def test_an_offset_that_is_ruled_out_is_not_looked_for():
+    estimator = TargetEstimator(CONFIG.model_copy(update={"delay_sigma_s": 0.0}))
+    last = [estimator.update(one) for one in mistimed(0.04, 5.0, (0.0, 0.0, 0.0))][-1]
+    assert (last.delay_s, last.delay_sigma_s) == (0.0, 0.0)
+
+
+def test_the_offset_outlasts_the_track():
+    estimator = TargetEstimator(CONFIG)
+    known = run(estimator, mistimed(0.04, 10.0, (0.0, 0.0, 0.0))).delay_s
+    estimator.reset()
+    again = [
+        estimator.update(replace(one, t_capture_s=one.t_capture_s + 50.0)) for one in mistimed(0.04, 0.2, (0, 0, 0))
+    ]
+    assert again[-1].delay_s == pytest.approx(known, abs=0.003)
+
+
+def on_a_bend(seconds: float, radius_m: float, speed_m_s: float) -> list[PadFix]:
+    """Exact fixes of a pad that drives round a circle about 0, clockwise, heading along it."""
+    rate = speed_m_s / radius_m
+    times = np.arange(round(seconds / FRAME_S)) * FRAME_S
+    where = [(radius_m * math.cos(rate * t), radius_m * math.sin(rate * t), 0.0) for t in times]
+    return [
+        fix(100.0 + t, at, yaw_deg=math.degrees(rate * t + math.pi / 2), yaw_sigma_rad=math.radians(0.5))
+        for t, at in zip(times, where, strict=True)
+    ]
+
+
+def test_pad_on_a_bend_is_predicted_along_it():
+    radius_m, speed_m_s, ahead_s = 12.0, 5.0, 0.5
+    fixes = on_a_bend(6.0, radius_m, speed_m_s)
+    track = run(TargetEstimator(CONFIG), fixes)
+    angle = speed_m_s / radius_m * (fixes[-1].t_capture_s - 100.0 + ahead_s)
+    there = np.array([math.cos(angle), math.sin(angle), 0.0]) * radius_m
+    ahead = track.at(track.t_capture_s + ahead_s)
+    # Straight on it would be 0.26 m off: half of the acceleration, 2.08 m/s2, times the time squared.
+    np.testing.assert_allclose(ahead.pos_ned_m, there, atol=0.08)
+    way = np.array([-math.sin(angle), math.cos(angle), 0.0]) * speed_m_s
+    np.testing.assert_allclose(ahead.vel_ned_m_s, way, atol=0.25)  # straight on: 1.04
+    np.testing.assert_allclose(predict(track, track.t_capture_s + ahead_s).pos_ned_m, ahead.pos_ned_m)
+
+
+def test_heading_that_only_jitters_is_no_turn():
+    noise = np.random.default_rng(3)
+    estimator = TargetEstimator(CONFIG)
+    rates = [estimator.update(replace(one, pad_yaw_ned_rad=math.radians(noise.normal()))).turn_rate_rad_s
+             for one in driving(20.0)]  # fmt: skip
+    assert max(abs(rate) for rate in rates) < 0.02

@@ -17,6 +17,7 @@ def state(
 ) -> VehicleState:
     half = math.radians(yaw_deg) / 2
     q = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+    q = changes.pop("q_ned_from_body_wxyz", q)
     return VehicleState(t_s, np.array([north_m, 0.0, -3.0]), np.array([speed_m_s, 0.0, 0.0]), q, **changes)
 
 
@@ -92,3 +93,26 @@ def test_travelled_is_the_integral_of_px4s_velocity_not_of_its_position():
     assert first is not None and last is not None and between is not None
     assert last.travelled_ned_m[0] - first.travelled_ned_m[0] == pytest.approx(0.8)
     assert between.travelled_ned_m[0] - first.travelled_ned_m[0] == pytest.approx(0.5)
+
+
+def test_angular_velocity_is_the_attitudes_rate_along_the_ned_axes():
+    kept = history(*(state(10.0 + 0.02 * k, yaw_deg=30.0 * 0.02 * k) for k in range(20)))
+    for t_s in (10.2, 10.38):  # in the middle, and at the newest state
+        np.testing.assert_allclose(kept.turning_rad_s(t_s), [0.0, 0.0, math.radians(30.0)], atol=1e-4)
+
+
+def test_angular_velocity_turns_with_the_body():
+    """Pitching up at 20 degrees a second while heading east: about the south axis in ned."""
+    states = []
+    for k in range(20):
+        half = math.radians(20.0 * 0.02 * k) / 2
+        heading, pitch = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), (math.cos(half), 0.0, math.sin(half), 0.0)
+        a, b = heading, pitch
+        q = (a[0] * b[0] - a[3] * b[3], -a[3] * b[2], a[0] * b[2], a[3] * b[0])
+        states.append(state(10.0 + 0.02 * k, q_ned_from_body_wxyz=np.array(q)))
+    np.testing.assert_allclose(history(*states).turning_rad_s(10.2), [-math.radians(20.0), 0.0, 0.0], atol=1e-4)
+
+
+def test_angular_velocity_out_of_reach_is_nothing():
+    assert history().turning_rad_s(10.0) is None
+    assert history(state(10.0)).turning_rad_s(10.0) is None

@@ -22,8 +22,10 @@ CAMERA = CameraConfig(driver="synthetic", lens="-")
 
 
 @asynccontextmanager
-async def simulation(seed: int = 1) -> AsyncIterator[tuple[SimulatedWorld, SimulatedAutopilot]]:
-    config = WorldConfig(seed=seed, motion=PadMotionConfig(), camera_latency_s=0.04)
+async def simulation(
+    seed: int = 1, clock_error_s: float = 0.0
+) -> AsyncIterator[tuple[SimulatedWorld, SimulatedAutopilot]]:
+    config = WorldConfig(seed=seed, motion=PadMotionConfig(), camera_latency_s=0.04, camera_clock_error_s=clock_error_s)
     world = SimulatedWorld(config, paper_landmark(), LENS, CAMERA, LoopClock())
     task = asyncio.create_task(world.run())
     try:
@@ -145,3 +147,16 @@ def test_simulated_camera_that_is_stopped_fails() -> None:
                         await anext(frames)
 
     run_virtual(main())
+
+
+def test_frames_are_told_earlier_than_they_were_exposed_by_the_clocks_error_and_come_no_later():
+    async def first(error_s: float) -> tuple[float, float]:
+        async with simulation(clock_error_s=error_s) as (world, _):
+            async with aclosing(SimulatedCamera(world).frames()) as frames:
+                frame = await anext(frames)
+                return frame.t_capture_s, LoopClock().now_s()
+
+    told_s, came_s = run_virtual(first(0.0))
+    off_s, late_s = run_virtual(first(0.03))
+    assert off_s == pytest.approx(told_s - 0.03, abs=1e-6)
+    assert late_s == pytest.approx(came_s, abs=1e-6)
