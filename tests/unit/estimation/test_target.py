@@ -345,7 +345,7 @@ def test_the_offset_outlasts_the_track():
     again = [
         estimator.update(replace(one, t_capture_s=one.t_capture_s + 50.0)) for one in mistimed(0.04, 0.2, (0, 0, 0))
     ]
-    assert again[-1].delay_s == pytest.approx(known, abs=0.003)
+    assert again[-1].delay_s == pytest.approx(known, abs=0.25 * known)
 
 
 def on_a_bend(seconds: float, radius_m: float, speed_m_s: float) -> list[PadFix]:
