@@ -168,6 +168,12 @@ class EstimationConfig(Section):
     rejections_before_restart: int = Field(default=8, ge=1, le=100)
     fixes_before_confident: int = Field(default=5, ge=1, le=100)
     history_s: float = Field(default=2.0, gt=0.1, le=30, description="length of the vehicle pose history")
+    delay_sigma_s: float = Field(
+        default=0.02,
+        ge=0,
+        le=0.2,
+        description="of the frames' times from PX4's, 1 sigma; it is estimated in flight",
+    )
 
 
 class GuidanceConfig(Section):

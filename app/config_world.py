@@ -119,6 +119,9 @@ class WorldConfig(Section):
     sun_azimuth_deg: float = Field(default=200.0, ge=-360, le=360)
     noise_dn: float = Field(default=2.0, ge=0, le=50, description="image noise at gain 1, 1 sigma, of 255")
     camera_latency_s: float = Field(default=0.035, ge=0, le=1, description="mid-exposure to the application")
+    camera_clock_error_s: float = Field(
+        default=0.0, ge=-0.1, le=0.1, description="how much earlier than their exposure the frames' times are"
+    )
     exposure_ms: float = Field(default=2.0, gt=0, le=30, description="while nobody steers it; its gain is automatic")
     exposure_delay_frames: int = Field(default=3, ge=0, le=30, description="until the camera does what it is told")
     light: LightConfig = LightConfig()

@@ -13,7 +13,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from app.frames import Array, wrap_angle_rad
+from app.frames import Array, rotation_from_yaw, wrap_angle_rad
 
 Image = NDArray[np.uint8]
 
@@ -220,6 +220,8 @@ class PadFix:
         paper: The paper's own outputs, in a fix by method paper.
         pad_normal_ned: (3,) the pad's down axis; None where the method doesn't give it.
         normal_sigma_rad: Standard deviation of its north and east part.
+        shift_ned_m_s: (3,) how pad_pos_ned_m would move for each second by which the frame was exposed later than its
+            time says: the vehicle's velocity, and its turning times the way to the pad. None where that is unknown.
     """
 
     t_capture_s: float
@@ -234,6 +236,7 @@ class PadFix:
     paper: PaperPose | None = None
     pad_normal_ned: Array | None = None
     normal_sigma_rad: float = 0.0
+    shift_ned_m_s: Array | None = None
 
 
 # -------------------------------------------------------------------------------------------------------- estimate
@@ -254,6 +257,10 @@ class PadTrack:
         lean_ne_rad: (2,) north and east part of the deck's normal: how it leans.
         lean_rate_ne_rad_s: (2,) their rates.
         lean_sigma_rad: Standard deviation of each part, at t_capture_s.
+        turn_rate_rad_s: At which the velocity turns with the heading, clockwise from above: 0 unless the heading's rate
+            stands out of its error.
+        delay_s: By how much later the frames are exposed than their times say.
+        delay_sigma_s: Its standard deviation.
     """
 
     t_capture_s: float
@@ -268,6 +275,9 @@ class PadTrack:
     lean_ne_rad: tuple[float, float] = (0.0, 0.0)
     lean_rate_ne_rad_s: tuple[float, float] = (0.0, 0.0)
     lean_sigma_rad: float = 0.0
+    turn_rate_rad_s: float = 0.0
+    delay_s: float = 0.0
+    delay_sigma_s: float = 0.0
 
     def lean_rad(self, ahead_s: float) -> float:
         """The deck's angle from level so long after t_capture_s, less what it is unsure by; it goes on as it moves."""
@@ -275,12 +285,21 @@ class PadTrack:
         return max(0.0, math.hypot(*parts) - self.lean_sigma_rad)
 
     def at(self, t_s: float) -> PadTrack:
-        """The track's mean carried to another time at constant velocity; the covariance stays that of the last fix."""
+        """The track's mean carried to another time, at constant velocity or on the arc of its turn; the covariance
+        stays that of the last fix.
+        """
         dt_s = t_s - self.t_capture_s
+        pos_ned_m, vel_ned_m_s = self.pos_ned_m + dt_s * self.vel_ned_m_s, self.vel_ned_m_s
+        if self.turn_rate_rad_s != 0.0:
+            pos_ned_m = self.pos_ned_m + dt_s * (
+                rotation_from_yaw(0.5 * dt_s * self.turn_rate_rad_s) @ self.vel_ned_m_s
+            )
+            vel_ned_m_s = rotation_from_yaw(dt_s * self.turn_rate_rad_s) @ self.vel_ned_m_s
         return replace(
             self,
             t_capture_s=t_s,
-            pos_ned_m=self.pos_ned_m + dt_s * self.vel_ned_m_s,
+            pos_ned_m=pos_ned_m,
+            vel_ned_m_s=vel_ned_m_s,
             lean_ne_rad=(
                 self.lean_ne_rad[0] + dt_s * self.lean_rate_ne_rad_s[0],
                 self.lean_ne_rad[1] + dt_s * self.lean_rate_ne_rad_s[1],

@@ -106,6 +106,7 @@ def _world(scenario: Scenario, draws: _Draws, start: dict[str, float], camera: d
         sun_azimuth_deg=light["sun_azimuth_deg"],
         noise_dn=camera["noise_dn"],
         camera_latency_s=camera["latency_ms"] / 1e3,
+        camera_clock_error_s=camera["clock_error_ms"] / 1e3,
         light=LightConfig(level=level, glare=light["glare"], shadow=shadow),
         motion=motion,
         occlusion=scenario.occlusion,

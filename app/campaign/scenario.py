@@ -109,6 +109,7 @@ class CameraDraw(Drawn):
 
     rate_hz: Range = _range(1, 120, (30.0, 30.0), "frames a second")
     latency_ms: Range = _range(0, 1000, (25.0, 50.0), "from mid-exposure to the application")
+    clock_error_ms: Range = _range(-100, 100, (0.0, 0.0), "how much earlier than their exposure the frames' times are")
     noise_dn: Range = _range(0, 20, (1.0, 3.0), "image noise at gain 1, 1 sigma, of 255 grey levels")
 
 

@@ -1,8 +1,16 @@
 """The target estimator: a Kalman filter in ned on the pad's position, velocity and heading. Pure.
 
 Constant velocity with white acceleration (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking
-and Navigation", 6.3.2: discretised continuous white noise acceleration). The filter stands at the capture time of the
-last fix; whoever needs the pad at another time predicts from there, so the camera's latency costs no accuracy.
+and Navigation", 6.3.2: discretised continuous white noise acceleration); where the pad's heading turns at a rate that
+stands out of its error the velocity turns with it (11.7.1: coordinated turn, the rate taken from the heading's own
+filter). The filter stands at the capture time of the last fix; whoever needs the pad at another time predicts from
+there, so the camera's latency costs no accuracy.
+
+Frames may be exposed later or earlier than their times say, for the camera's and PX4's clocks are matched over links
+with delays of their own. Such an offset d shows when the vehicle moves or turns: the fix is made with the vehicle's
+pose of d ago, and lies d (v + w x r) off a pad at rest (v, w the vehicle's velocity and turning, r the way to the pad).
+It is a seventh state that all tracks share (after Li and Mourikis, "Online temporal calibration for camera-IMU
+systems", 2014).
 
 Between two fixes the vehicle is dead-reckoned with PX4's velocity, not with its position. The two disagree: velocity
 is off by 0.04 to 0.15 m/s for about a second at a time, and next to none of it shows in the position (measured on PX4
@@ -22,7 +30,7 @@ import numpy as np
 from app.config import EstimationConfig
 from app.estimation.deck import DeckTilt
 from app.estimation.deck import start as start_deck
-from app.frames import Array, wrap_angle_rad
+from app.frames import Array, rotation_from_yaw, wrap_angle_rad
 from app.messages import PadFix, PadTrack
 
 VELOCITY_SIGMA_AT_START_M_S = 5.0
@@ -31,6 +39,14 @@ YAW_RATE_SIGMA_RAD_S2 = 0.3
 """White angular acceleration of the pad: a car at 13.5 km/h on a bend of 30 m turns at 0.125 rad/s, within half a
 second of steering."""
 QUARTER_TURN_RAD = math.pi / 2.0
+TURN_SIGMAS = 2.0
+"""A rate of turn counts by what it stands out of so many of its deviations."""
+DELAY_MAX_S = 0.1
+"""No camera's time is further off; what looks so is something else."""
+DELAY_NEAREST_M = 0.4
+"""Nearer to the pad the vehicle soon stands on it, and PX4's velocity is no measure of how it moves."""
+DELAY_DRIFT_S = 0.5e-3
+"""Random walk of the offset, a second to each root of a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +62,21 @@ class _Heading:
         """At rest, with a rate known to 0.5 rad/s."""
         return cls(np.array([yaw_rad, 0.0]), np.diag([sigma_rad**2, 0.25]))
 
+    @property
+    def turn_rad_s(self) -> float:
+        """The rate, shrunk by what may be noise (a positive-part James-Stein estimate)."""
+        rate, variance = float(self.mean[1]), float(self.covariance[1, 1])
+        return 0.0 if rate == 0.0 else rate * max(0.0, 1.0 - TURN_SIGMAS**2 * variance / rate**2)
+
+
+@dataclass(frozen=True, slots=True)
+class _Delay:
+    """The frames' time offset: its mean, variance, and (6,) covariance with the track."""
+
+    mean_s: float
+    variance_s2: float
+    with_track: Array
+
 
 class TargetEstimator:
     """Turns fixes into a track.
@@ -60,6 +91,7 @@ class TargetEstimator:
         self._heading = _Heading(np.zeros(2), np.eye(2))
         self._last_fix: PadFix | None = None
         self._deck: DeckTilt | None = None
+        self._delay = _Delay(0.0, config.delay_sigma_s**2, np.zeros(6))
 
     @property
     def track(self) -> PadTrack | None:
@@ -82,8 +114,9 @@ class TargetEstimator:
             return track
         predicted = predict(track, fix.t_capture_s, self._config.acceleration_m_s2)
         predicted = replace(predicted, pos_ned_m=predicted.pos_ned_m + self._slip_m(fix))
-        innovation = fix.pad_pos_ned_m - predicted.pos_ned_m
-        s_matrix = predicted.covariance[:3, :3] + fix.covariance_ned_m2
+        prior, look = self._joint(track, predicted, fix)
+        s_matrix = look @ prior @ look.T + fix.covariance_ned_m2
+        innovation = fix.pad_pos_ned_m - predicted.pos_ned_m - look[:, 6] * self._delay.mean_s
         distance2 = float(innovation @ np.linalg.solve(s_matrix, innovation))
         if distance2 > self._config.gate_sigma**2:
             rejected = track.fixes_rejected_in_row + 1
@@ -91,25 +124,46 @@ class TargetEstimator:
                 return self._start(fix)
             self._track = replace(track, fixes_rejected_in_row=rejected)
             return self._track
-        gain = predicted.covariance[:, :3] @ np.linalg.inv(s_matrix)
+        gain = prior @ look.T @ np.linalg.inv(s_matrix)
+        if float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M:
+            gain[6] = 0.0  # Schmidt's: what is known of it counts, nothing is learnt
         correction = gain @ innovation
-        keep = np.eye(6) - gain @ np.eye(3, 6)
-        covariance = keep @ predicted.covariance @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
+        keep = np.eye(7) - gain @ look
+        posterior = keep @ prior @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
+        covariance = posterior[:6, :6]
+        delay_s = max(-DELAY_MAX_S, min(DELAY_MAX_S, self._delay.mean_s + float(correction[6])))
+        self._delay = _Delay(delay_s, float(posterior[6, 6]), posterior[:6, 6])
         yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
         self._last_fix = fix
         self._update_deck(fix)
         self._track = PadTrack(
             t_capture_s=fix.t_capture_s,
             pos_ned_m=predicted.pos_ned_m + correction[:3],
-            vel_ned_m_s=predicted.vel_ned_m_s + correction[3:],
+            vel_ned_m_s=predicted.vel_ned_m_s + correction[3:6],
             covariance=covariance,
             yaw_ned_rad=yaw_rad,
             yaw_rate_rad_s=yaw_rate_rad_s,
             t_last_fix_s=fix.t_capture_s,
             fixes_accepted=track.fixes_accepted + 1,
+            turn_rate_rad_s=self._heading.turn_rad_s,
+            delay_s=self._delay.mean_s,
+            delay_sigma_s=math.sqrt(self._delay.variance_s2),
             **self._lean(),
         )
         return self._track
+
+    def _joint(self, track: PadTrack, predicted: PadTrack, fix: PadFix) -> tuple[Array, Array]:
+        """(7, 7) covariance of the predicted track and the offset, and (3, 7) how a fix depends on them."""
+        dt_s = fix.t_capture_s - track.t_capture_s
+        prior = np.empty((7, 7))
+        prior[:6, :6] = predicted.covariance
+        prior[:6, 6] = prior[6, :6] = _step(track, dt_s) @ self._delay.with_track
+        drift = DELAY_DRIFT_S**2 * dt_s if self._config.delay_sigma_s > 0.0 else 0.0
+        prior[6, 6] = self._delay.variance_s2 + drift
+        look = np.eye(3, 7)
+        if fix.shift_ned_m_s is not None:
+            look[:, 6] = predicted.vel_ned_m_s - fix.shift_ned_m_s
+        return prior, look
 
     def _update_deck(self, fix: PadFix) -> None:
         if fix.pad_normal_ned is None:
@@ -133,6 +187,7 @@ class TargetEstimator:
 
     def _start(self, fix: PadFix) -> PadTrack:
         self._last_fix = fix
+        self._delay = replace(self._delay, with_track=np.zeros(6))
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = fix.covariance_ned_m2
         covariance[3:, 3:] = np.eye(3) * VELOCITY_SIGMA_AT_START_M_S**2
@@ -184,8 +239,7 @@ class TargetEstimator:
 def predict(track: PadTrack, t_s: float, acceleration_m_s2: float = 0.0) -> PadTrack:
     """The track at a later time, its covariance grown by white acceleration of the given density (m/s2 per root Hz)."""
     dt = t_s - track.t_capture_s
-    step = np.eye(6)
-    step[0, 3] = step[1, 4] = step[2, 5] = dt
+    step = _step(track, dt)
     q = acceleration_m_s2**2 * np.array([1.0, 1.0, 0.25])  # decks move up and down less than vehicles speed up
     covariance = step @ track.covariance @ step.T
     age = abs(dt)
@@ -194,6 +248,14 @@ def predict(track: PadTrack, t_s: float, acceleration_m_s2: float = 0.0) -> PadT
     covariance[3:, :3] += np.diag(q) * age**2 / 2
     covariance[3:, 3:] += np.diag(q) * age
     return replace(track.at(t_s), covariance=covariance)
+
+
+def _step(track: PadTrack, dt_s: float) -> Array:
+    """(6, 6) how position and velocity so much later depend on those of the track."""
+    step = np.eye(6)
+    step[:3, 3:] = dt_s * rotation_from_yaw(0.5 * dt_s * track.turn_rate_rad_s)
+    step[3:, 3:] = rotation_from_yaw(dt_s * track.turn_rate_rad_s)
+    return step
 
 
 def is_confident(track: PadTrack, config: EstimationConfig) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.frames import Array, slerp
+from app.frames import Array, rotation_from_quaternion, slerp
 from app.messages import VehicleState
 
 EXTRAPOLATION_MAX_S = 0.10
@@ -18,6 +18,9 @@ of attitude, the most that a fix may be wrong by before it is better not made.""
 
 GAP_MAX_S = 0.25
 """Telemetry comes every 0.1 s at the slowest that can be configured; over a longer gap the attitude is a guess."""
+
+TURNING_S = 0.04
+"""The angular velocity is the attitude's change over this long: two of PX4's attitude messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +89,24 @@ class VehicleHistory:
         if moments[k].state.t_capture_s - moments[k - 1].state.t_capture_s > GAP_MAX_S:
             return None
         return _between(moments[k - 1], moments[k], t_s)
+
+    def turning_rad_s(self, t_s: float) -> Array | None:
+        """(3,) the vehicle's angular velocity along the ned axes, over TURNING_S about a time; None where that isn't
+        known.
+        """
+        newest = self._moments[-1].state.t_capture_s if self._moments else t_s
+        end = min(t_s + 0.5 * TURNING_S, newest)
+        before, after = self.at(end - TURNING_S), self.at(end)
+        if before is None or after is None:
+            return None
+        turn = (
+            rotation_from_quaternion(after.state.q_ned_from_body_wxyz)
+            @ rotation_from_quaternion(before.state.q_ned_from_body_wxyz).T
+        )
+        # The skew part of a small rotation is its rotation vector.
+        vector = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        result: Array = vector / TURNING_S
+        return result
 
 
 def _between(before: Moment, after: Moment, t_s: float) -> Moment:

@@ -50,6 +50,10 @@ async def run_pose(
         fix = await compute(partial(make_fix, detection, at_capture.state))
         if fix is None or not np.isfinite([*fix.pad_pos_ned_m, *fix.covariance_ned_m2.flat, fix.pad_yaw_ned_rad]).all():
             continue
-        fix = replace(fix, travelled_ned_m=at_capture.travelled_ned_m)
+        turning = history.turning_rad_s(detection.t_capture_s)
+        shift = (
+            None if turning is None else at_capture.state.vel_ned_m_s + np.cross(turning, fix.pad_from_vehicle_ned_m)
+        )
+        fix = replace(fix, travelled_ned_m=at_capture.travelled_ned_m, shift_ned_m_s=shift)
         fixes.publish(fix)
         tracks.publish(estimator.update(fix))

@@ -82,6 +82,9 @@ EXCESS, EXCESS_UNSEEN = 1.7, 5.0
 nothing with these fits."""
 LOCAL_WINDOWS_PX = (21, 81)
 """The local threshold compares a pixel with the mean of a window of so many pixels round it."""
+PATIENT_AFTER = 30
+"""Frames of a sequence without the landmark after which the costly ways take turns: what comes into view stays for
+many frames, and a companion computer that searches for minutes must keep up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +173,12 @@ class Detector:
         """The last frame that showed the landmark, and its map: the next threshold comes from them."""
         self.attempt: Attempt | None = None
         """What the last frame's drawing shows."""
+        self._fruitless = 0
 
     def reset(self) -> None:
         """Forget the sequence."""
         self.threshold, self.track, self.last, self.attempt = ThresholdState(), None, None, None
+        self._fruitless = 0
 
     def detect(
         self, frame: Frame, *, still: bool = False, predicted_px: tuple[float, float] | None = None
@@ -313,6 +318,7 @@ class Detector:
         if attempt is None or attempt.found is None:
             self._settle_threshold()
             attempt = self._search(view, global_otsu(view.image))
+        self._fruitless = self._fruitless + 1 if attempt.found is None else 0
         if attempt.found is None:
             self.threshold = after_miss(self.threshold, self.config)
             if self.track is not None:
@@ -405,9 +411,12 @@ class Detector:
         coarse = -(-view.image.shape[1] // SEARCH_WIDTH_PX)
         turn = self.threshold.misses
         prepared = prepare(view.image, whole(view.image), reduction=coarse if turn % 2 == 0 else 1, sigma_px=sigma)
-        attempt = self._by_level(view, prepared, global_level if track is not None else level)
-        if attempt.found is None:
-            local = self._by_place(view, prepared, LOCAL_WINDOWS_PX[turn % len(LOCAL_WINDOWS_PX)])
+        # Of three frames of a long search one has no local threshold, and each way is thorough in one.
+        third = self._fruitless % 3 if self._fruitless >= PATIENT_AFTER else None
+        attempt = self._by_level(view, prepared, global_level if track is not None else level, third in (None, 0))
+        if attempt.found is None and third != 0:
+            window_px = LOCAL_WINDOWS_PX[turn % len(LOCAL_WINDOWS_PX)]
+            local = self._by_place(view, prepared, window_px, third in (None, 1))
             if local.found is not None or local.progress > attempt.progress:
                 attempt = local
         return attempt if nearest is None or attempt.found is not None else nearest

@@ -33,6 +33,7 @@ class Film:
         server: Takes the frames.
         shutter: What the camera has been told.
         latency_s: From mid-exposure to delivery.
+        clock_error_s: How much earlier than their exposure the frames' times are.
 
     Attributes:
         drawn: Frames so far.
@@ -41,9 +42,11 @@ class Film:
         failure: What ended the drawing, or None.
     """
 
-    def __init__(self, renderer: Draws, server: FrameServer, shutter: Shutter, latency_s: float) -> None:
+    def __init__(
+        self, renderer: Draws, server: FrameServer, shutter: Shutter, latency_s: float, clock_error_s: float = 0.0
+    ) -> None:
         self._renderer, self._server, self._shutter = renderer, server, shutter
-        self._latency_s = latency_s
+        self._latency_s, self._clock_error_s = latency_s, clock_error_s
         self._instants: queue.Queue[tuple[int, float, Truth, Exposure | None] | None] = queue.Queue(maxsize=2)
         self._frames: queue.Queue[tuple[FrameHeader, bytes] | None] = queue.Queue(maxsize=64)
         self._sequence = 0
@@ -87,13 +90,14 @@ class Film:
             shot = self._renderer.shoot(truth, told)
             self.drawn += 1
             height, width = shot.image.shape
-            header = FrameHeader(sequence, t_capture_s, shot.exposure.exposure_s, shot.exposure.gain, width, height)
+            told_s = t_capture_s - self._clock_error_s
+            header = FrameHeader(sequence, told_s, shot.exposure.exposure_s, shot.exposure.gain, width, height)
             self._frames.put((header, shot.image.tobytes()))
 
     def _deliver(self) -> None:
         while (frame := self._frames.get()) is not None:
             header, pixels = frame
-            wait_s = header.t_capture_s + self._latency_s - time.monotonic()
+            wait_s = header.t_capture_s + self._clock_error_s + self._latency_s - time.monotonic()
             if wait_s > 0.0:
                 time.sleep(wait_s)
             else:

@@ -117,7 +117,7 @@ def run(argv: list[str], say: Callable[[str], None], stop: threading.Event) -> N
     scene = _scene(rig, world, options, log)
     shutter = Shutter(world.exposure_delay_frames)
     server = FrameServer(options.frames, shutter.tell)
-    film = Film(renderer, server, shutter, world.camera_latency_s)
+    film = Film(renderer, server, shutter, world.camera_latency_s, world.camera_clock_error_s)
     log.start(time.monotonic(), world.seed, world.vehicle)
     scene.begin()
     say(json.dumps({"ready": True, "frames": str(options.frames), "vehicle": world.vehicle}))

@@ -58,11 +58,11 @@ class SimulatedWorld:
         self.frames: Topic[Frame] = Topic("simulated frames")
         self._renderer = Renderer(config, landmark, lens, camera)
         self._clock = clock
-        self._latency_s = config.camera_latency_s
+        self._latency_s, self._clock_error_s = config.camera_latency_s, config.camera_clock_error_s
         self.shutter = Shutter(config.exposure_delay_frames)
         self._frame_period_s = 1.0 / camera.frame_rate_hz
         self._frame_due_s = self._frame_period_s
-        self._on_the_way: deque[Frame] = deque()
+        self._on_the_way: deque[tuple[float, Frame]] = deque()
         self._sequence = 0
         self.origin_s: float | None = None
 
@@ -110,13 +110,14 @@ class SimulatedWorld:
         told = self.shutter.next()
         if self.frames_flow:
             shot = self._renderer.shoot(self.world.truth(), told)
-            exposure = shot.exposure
-            self._on_the_way.append(Frame(now_s, self._sequence, shot.image, exposure.exposure_s, gain=exposure.gain))
+            exposure, told_s = shot.exposure, now_s - self._clock_error_s
+            frame = Frame(told_s, self._sequence, shot.image, exposure.exposure_s, gain=exposure.gain)
+            self._on_the_way.append((now_s + self._latency_s, frame))
 
     def _deliver(self, now_s: float) -> None:
         """Give out the frames whose latency is over."""
-        while self._on_the_way and self._on_the_way[0].t_capture_s + self._latency_s <= now_s:
-            self.frames.publish(self._on_the_way.popleft())
+        while self._on_the_way and self._on_the_way[0][0] <= now_s:
+            self.frames.publish(self._on_the_way.popleft()[1])
 
 
 class SimulatedCamera:
