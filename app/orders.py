@@ -62,9 +62,9 @@ class Caller:
             AlightError: No mission began within READY_TIMEOUT_S.
         """
         self._start_s = now_s if self._start_s is None else self._start_s
-        if self._taken >= len(self._orders):
+        if not self._orders:
             return
-        if not begun:
+        if not begun and self._taken == 0:
             self._ask_to_begin(now_s, ready)
             return
         self._taken = max(self._taken, 1)

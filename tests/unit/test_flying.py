@@ -164,6 +164,34 @@ def test_vehicle_that_never_gets_ready_is_an_error_that_says_so(attend):
     assert bench.asked_s == []
 
 
+def px4_bench() -> Bench:
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
+    world = SimpleNamespace(vehicle="px4", px4_truth_address="udpin:127.0.0.1:19410")
+    bench.plan.rig.config.simulator = world
+    return bench
+
+
+def test_px4_without_ground_truth_is_told_with_its_address_and_what_to_start(attend):
+    async def waiting(bench: Bench) -> None:
+        bench.is_in(Phase.IDLE)
+        bench.is_ready()
+
+    with pytest.raises(AlightError, match=r"udpin:127\.0\.0\.1:19410 within 20 s; start PX4 with PX4_SIM_MODEL=sihsim"):
+        attend(px4_bench(), waiting)
+
+
+def test_px4_that_flies_already_is_refused(attend):
+    async def flying_already(bench: Bench) -> None:
+        bench.is_in(Phase.IDLE)
+        zeros = np.zeros(3)
+        bench.vehicle.publish(VehicleState(0.0, zeros, zeros, np.array([1.0, 0, 0, 0]), armable=True, armed=True))
+
+    bench = px4_bench()
+    with pytest.raises(AlightError, match="PX4 is armed already; land and disarm it"):
+        attend(bench, flying_already)
+    assert bench.asked_s == []
+
+
 def test_phone_that_is_still_speaking_is_ended_with_the_application(attend):
     async def ready(bench: Bench) -> None:
         bench.is_in(Phase.IDLE)
