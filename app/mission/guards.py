@@ -53,7 +53,7 @@ def end_of_flight(state: MissionState, inputs: MissionInputs, now_s: float) -> T
     if vehicle is None or vehicle.armed or state.phase not in IN_OFFBOARD | HANDED_OVER:
         return None
     guidance = guidance_of(state, inputs)
-    if state.phase is Phase.LAND and guidance is not None and guidance.committed:
+    if state.phase in (Phase.LAND, Phase.PRECLAND) and guidance is not None and guidance.committed:
         return go(state, Phase.LANDED, Reason.TOUCHDOWN, now_s, severity=Severity.NOTICE, result=CommandResult.ACCEPTED)
     return go(state, Phase.IDLE, Reason.DISARMED, now_s, severity=Severity.NOTICE, result=CommandResult.FAILED)
 
