@@ -68,11 +68,14 @@ class PrecisionLanding:
         if pad is None:
             return None, GuidanceStatus(now_s, goal.number)
         here = vehicle.pos_ned_m + (now_s - vehicle.t_capture_s) * vehicle.vel_ned_m_s
-        error_ned_m = pad.pos_ned_m - here
+        # The pad is at rest: the speed that the track gives it is error, and out of sight nothing corrects it.
+        unseen_s = max(0.0, now_s - pad.t_last_fix_s - self._safety.track_stale_s)
+        pos_ned_m = pad.pos_ned_m - unseen_s * pad.vel_ned_m_s
+        error_ned_m = pos_ned_m - here
         moving_ne_m_s = pad.vel_ned_m_s[:2] - vehicle.vel_ned_m_s[:2]
         error_m, height_m = math.hypot(error_ned_m[0], error_ned_m[1]), float(error_ned_m[2])
         if self._committed:
-            self._committed = height_m <= RELEASE_FACTOR * self._guidance.commit_height_m
+            self._committed = landed or height_m <= RELEASE_FACTOR * self._guidance.commit_height_m
         else:
             self._committed = height_m <= self._guidance.commit_height_m and error_m <= COMMIT_ERROR_M
         status = GuidanceStatus(
@@ -85,4 +88,4 @@ class PrecisionLanding:
             contact=self._contact_since_s is not None,
             contact_held_s=held_s,
         )
-        return LandingTarget(now_s, np.array(pad.pos_ned_m), pad.yaw_ned_rad), status
+        return LandingTarget(now_s, np.array(pos_ned_m), pad.yaw_ned_rad), status

@@ -75,6 +75,22 @@ def test_committed_landing_goes_on_with_the_pad_out_of_sight(landing: PrecisionL
     assert status.committed
 
 
+def test_pad_out_of_sight_stays_where_it_was_whatever_speed_the_track_believes(landing: PrecisionLanding):
+    drifting = track(vel_ned_m_s=np.array([0.0, 0.1, 0.2]))
+    landing.step(GOAL, drifting, vehicle(0.3), 100.0)
+    target, status = landing.step(GOAL, drifting, vehicle(0.1, t_s=110.0), 110.0)
+    assert target is not None
+    # Half a second is what a track may be old: 5 and 10 cm, not the metres of ten seconds.
+    np.testing.assert_allclose(target.pos_ned_m, [5.0, -0.95, 0.1], atol=1e-9)
+    assert status.committed
+
+
+def test_commit_outlasts_a_height_that_drifts_once_px4_says_that_it_has_landed(landing: PrecisionLanding):
+    landing.step(GOAL, track(), vehicle(0.3), 100.0)
+    _, status = landing.step(GOAL, track(), vehicle(1.5, t_s=104.0, landed=LandedState.ON_GROUND), 104.0)
+    assert status.committed
+
+
 @pytest.mark.parametrize("again", [GOAL, Goal(GoalKind.PRECLAND, 2.5, number=5)], ids=["climbed", "new goal"])
 def test_commit_ends_with_a_climb_or_another_goal(landing: PrecisionLanding, again: Goal):
     landing.step(GOAL, track(), vehicle(0.3), 100.0)

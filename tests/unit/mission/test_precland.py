@@ -172,7 +172,7 @@ def test_disarming_by_px4_is_a_landing_only_on_the_pad(make: Any, committed, aft
 
 
 def test_landing_that_is_committed_and_never_disarmed_is_left_to_px4s_plain_landing(make: Any):
-    state = landing(make, committed_since_s=79.0)
+    state = landing(make, committed_since_s=69.0)
     word = make.settled(state, committed=True)
     assert step(state, seen(make, state, guidance=word), 100.0, make.config).state.phase is P.FALLBACK_LAND
 
