@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -54,7 +53,7 @@ class Sitl:
     address: str
     truth_address: str
 
-    def rig(self, folder: Path, name: str = "sitl.toml", guidance: str = "") -> tuple[Path, str]:
+    def rig(self, folder: Path, name: str = "sitl.toml") -> tuple[Path, str]:
         """A shipped rig on this PX4's links, in a folder; and its operator address."""
         with socket.socket(type=socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
@@ -70,7 +69,7 @@ class Sitl:
             assert shipped in text, f"{name} has no {shipped}"
             text = text.replace(shipped, own)
         path = folder / name
-        path.write_text(f"{text}\n{guidance}", encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         return path, phone
 
 
@@ -131,7 +130,7 @@ def _is_free(instance: int) -> bool:
 
 
 @pytest.fixture
-def sitl(tmp_path: Path, request: Any) -> Iterator[Sitl]:
+def sitl(tmp_path: Path) -> Iterator[Sitl]:
     """The PX4 that the environment names, for one test."""
     folder = tmp_path / "px4"
     folder.mkdir()

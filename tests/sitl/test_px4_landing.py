@@ -35,6 +35,28 @@ def test_px4_sitl_flies_a_scenario_by_itself_and_lands_on_the_pad(sitl, tmp_path
     assert f"{scenario}, seed 7: landed" in done.stdout
 
 
+def test_px4_sitl_lands_by_its_own_precision_landing_on_a_pad_at_rest(sitl, tmp_path):
+    rig, _ = sitl.rig(tmp_path, "sitl-precland.toml")
+    out = tmp_path / "out"
+    command = [*ALIGHT, "run", "--config", rig, "--scenario", "static", "--seed", "7", "--out", out]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = result_of(out)
+    assert result["time_in_state_s"]["precland"] > 3.0
+    assert "land" not in result["time_in_state_s"]
+    # Fed with the truth itself it comes down within 0.37 m (it follows PX4's estimate, and sinks 0.2 m off the pad).
+    assert result["touchdown_error_m"] <= 0.6
+
+
+def test_px4_sitl_does_not_leave_a_pad_that_moves_to_its_precision_landing(sitl, tmp_path):
+    rig, _ = sitl.rig(tmp_path, "sitl-precland.toml")
+    out = tmp_path / "out"
+    command = [*ALIGHT, "run", "--config", rig, "--scenario", "car-13.5", "--seed", "7", "--out", out]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert result_of(out)["failure"].startswith("pad moves at 3.")
+
+
 def test_px4_sitl_land_ordered_by_phone_touches_down_on_the_pad(sitl, tmp_path):
     rig, phone = sitl.rig(tmp_path)
     out, log = tmp_path / "out", tmp_path / "alight.log"
