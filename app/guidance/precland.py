@@ -12,7 +12,7 @@ import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
 from app.guidance.pad_memory import PadMemory, is_finite
-from app.messages import Goal, GuidanceStatus, LandedState, LandingTarget, PadTrack, VehicleState
+from app.messages import FlightMode, Goal, GuidanceStatus, LandedState, LandingTarget, PadTrack, VehicleState
 
 COMMIT_ERROR_M = 0.4
 """Twice PX4's own radius: farther off below the commit height, it is about to come down beside the pad."""
@@ -21,12 +21,17 @@ RELEASE_FACTOR = 2.0
 
 
 class PrecisionLanding:
-    """Remembers whether the landing is to be finished.
+    """Remembers whether PX4 has taken the landing over, and whether it is to be finished.
 
     Args:
         guidance: [guidance]; only the commit height.
         safety: [safety]; only the age at which a track is stale.
+
+    Attributes:
+        taken_over: PX4 was seen in its mode PRECLAND: nothing else is to steer in this landing any more.
     """
+
+    taken_over: bool
 
     def __init__(self, guidance: GuidanceConfig, safety: SafetyConfig) -> None:
         self._guidance = guidance
@@ -37,6 +42,7 @@ class PrecisionLanding:
     def forget(self) -> None:
         """The landing has ended: nothing of it may reach into the next one."""
         self._goal_number = -1
+        self.taken_over = False
         self._committed = False
         self._contact_since_s: float | None = None
         self._pads.forget()
@@ -59,6 +65,7 @@ class PrecisionLanding:
         if goal.number != self._goal_number:
             self.forget()
             self._goal_number = goal.number
+        self.taken_over = self.taken_over or vehicle.mode is FlightMode.PRECLAND
         self._pads.see(vehicle)
         track = track if track is not None and is_finite(track) else None
         pad = self._pads.pad(track, now_s, self._safety.track_stale_s, committed=self._committed)

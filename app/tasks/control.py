@@ -120,7 +120,7 @@ def _decide(
         setpoint, status = controller.step(order.goal, track, vehicle, now_s)
         return setpoint, None, status
     target, status = precland.step(order.goal, track, vehicle, now_s)
-    if vehicle.mode is not FlightMode.OFFBOARD:
+    if precland.taken_over or vehicle.mode is not FlightMode.OFFBOARD:
         controller.forget()
         return None, target, status
     setpoint, _ = controller.step(order.goal, track, vehicle, now_s)

@@ -162,6 +162,9 @@ def is_pilots(before: MissionState, seen: MissionInputs) -> bool:
     ours = {FlightMode.OFFBOARD, FlightMode.UNKNOWN}
     steering = before.phase in STEERING and before.offboard_seen
     if before.phase is P.PRECLAND and before.handed_over:
+        if vehicle is not None and vehicle.landed is LandedState.ON_GROUND and before.committed_since_s is not None:
+            ours = {FlightMode.OFFBOARD, FlightMode.PRECLAND, FlightMode.UNKNOWN}
+            return vehicle.armed and vehicle.mode not in ours
         return vehicle is not None and vehicle.armed and vehicle.mode not in {FlightMode.PRECLAND, FlightMode.UNKNOWN}
     return steering and vehicle is not None and vehicle.armed and vehicle.mode not in ours
 

@@ -15,6 +15,7 @@ from app.messages import (
     FlightMode,
     GoalKind,
     Hazard,
+    LandedState,
     OperatorAction,
     Phase,
     Verdict,
@@ -169,6 +170,23 @@ def test_disarming_by_px4_is_a_landing_only_on_the_pad(make: Any, committed, aft
     result = step(state, seen(make, state, vehicle=vehicle, guidance=word), 100.0, make.config)
     assert result.state.phase is after
     assert [answer.result for answer in result.answers] == [told]
+
+
+@pytest.mark.parametrize(
+    ("landed", "committed", "mode", "after"),
+    [
+        (LandedState.ON_GROUND, True, FlightMode.OFFBOARD, P.PRECLAND),
+        (LandedState.ON_GROUND, True, FlightMode.POSITION, P.IDLE),
+        (LandedState.ON_GROUND, False, FlightMode.OFFBOARD, P.IDLE),
+        (LandedState.IN_AIR, True, FlightMode.OFFBOARD, P.IDLE),
+    ],
+)
+def test_mode_that_px4_goes_back_to_as_it_disarms_on_the_pad_is_no_pilot(make: Any, landed, committed, mode, after):
+    state = landing(make, committed_since_s=98.0 if committed else None)
+    word = make.settled(state, committed=committed, contact=True)
+    vehicle = make.vehicle(mode=mode, landed=landed)
+    result = step(state, seen(make, state, vehicle=vehicle, guidance=word), 100.0, make.config)
+    assert (result.state.phase, result.action) == (after, None)
 
 
 def test_landing_that_is_committed_and_never_disarmed_is_left_to_px4s_plain_landing(make: Any):

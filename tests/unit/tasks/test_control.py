@@ -203,7 +203,9 @@ def test_control_flies_on_until_px4_has_taken_the_landing_over(fakes: Any):
         bench.state = fakes.vehicle(mode=FlightMode.OFFBOARD)
         await bench.fly(1.0, PRECLAND, pad=pad)
         bench.state = fakes.vehicle(mode=FlightMode.PRECLAND)
-        await bench.fly(1.0, PRECLAND, pad=pad)
+        await bench.fly(0.5, PRECLAND, pad=pad)
+        bench.state = fakes.vehicle(mode=FlightMode.OFFBOARD)  # as PX4 disarms, it goes back to this
+        await bench.fly(0.5, PRECLAND, pad=pad)
 
     bench = fly(fakes, scenario)
     assert bench.sent_s().max() == pytest.approx(11.0, abs=0.03)
