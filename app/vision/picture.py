@@ -24,7 +24,8 @@ from app.vision.refusal import Refusal, Rejection
 MAX_CONTRAST = 300.0
 """A blurred landmark's black and white, worked out from its greys, may lie somewhat beyond 0 and 255."""
 MAX_CONTRAST_CLIPPED = 1500.0
-"""The same where white is saturated: as far as this the exposure may be wrong."""
+"""The same where white is saturated: as far as this the exposure may be wrong. Not for few pixels, though: with white
+left open they are explained too easily, a letter O for one."""
 CENSORED_ROUNDS = 4
 INVERTED = 0.014
 """Part of the outermost square that may be black for white and, at the same time, white for black. A cover is one or
@@ -159,7 +160,7 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
     if best.contrast < MIN_CONTRAST:
         text = f"contrast {best.contrast:.0f} grey levels, under {MIN_CONTRAST:.0f}"
         return Proof(Rejection(Refusal.CONTRAST, text), best.correlation)
-    most = MAX_CONTRAST if patch.clipped is None else MAX_CONTRAST_CLIPPED
+    most = MAX_CONTRAST if patch.clipped is None or side_px(patch) < FEW_PX else MAX_CONTRAST_CLIPPED
     if best.contrast > most:
         text = f"contrast {best.contrast:.0f} grey levels, over {most:.0f}: no print is whiter than white"
         return Proof(Rejection(Refusal.CONTRAST, text), best.correlation)
