@@ -53,8 +53,8 @@ bench: $(RUN_STAMP) ## measure the eye against ArUco and AprilTag, a few minutes
 test: $(DEV_STAMP) ## the tests
 	@$(BIN)/python -m pytest -m 'not sitl' $(ARGS)
 
-sitl-test: $(DEV_STAMP) ## the tests that fly a running PX4 SITL
-	@$(BIN)/python -m pytest -m sitl $(ARGS)
+sitl-test: $(DEV_STAMP) ## the tests that fly a PX4 SITL: PX4_SITL=udpin://127.0.0.1:14540, or a px4 binary
+	@$(BIN)/python -m pytest -m sitl -rs $(ARGS) tests/sitl
 
 bench-negatives: $(DEV_STAMP) ## count false detections in 10,000 frames without a landmark
 	@$(BIN)/python tests/bench/photos.py

@@ -67,19 +67,37 @@ def demo(
 
 @cli.command(short_help="Fly a rig: real hardware, or PX4 SITL.")
 def run(
+    context: typer.Context,
     config: Annotated[Path, typer.Option(help="Rig file, such as configs/sitl.toml.")],
     out: Annotated[
         Path | None, typer.Option(help="Folder for record and result; a new one in the rig's otherwise.")
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="End after the first mission.")] = False,
+    scenario: Annotated[
+        str | None, typer.Option(help="PX4 SITL: fly this one, by itself. A name of configs/scenarios, or a .toml.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="That draws the scenario's trial; 1 without it.")] = None,
     verbose: Verbose = False,
 ) -> None:
-    """Fly a rig: real hardware, or PX4 SITL with a camera rendered from its ground truth."""
+    """Fly a rig: real hardware, or PX4 SITL with a camera rendered from its ground truth.
+
+    With --scenario it gives the orders by itself, judges the landing by PX4's truth, and ends with 1 if it failed.
+    """
     from app.service import run_rig
     from app.wiring import load_rig
 
+    if scenario is None and seed is not None:
+        context.fail("Option '--seed' wants '--scenario'.")
     configure_logging(verbose=verbose)
-    run_rig(load_rig(config), out, once, open_console(sys.stderr))
+    if scenario is None:
+        run_rig(load_rig(config), out, once, open_console(sys.stderr))
+        return
+    from app.campaign.px4_flight import fly_scenario, words_of  # the Pi needs no simulator
+
+    entry = fly_scenario(load_rig(config), scenario, 1 if seed is None else seed, out, open_console(sys.stderr))
+    typer.echo(words_of(entry))
+    if not entry["success"]:
+        raise typer.Exit(1)
 
 
 @cli.command(short_help="Command Alight as a phone does.")

@@ -177,8 +177,12 @@ class EstimationConfig(Section):
 
 
 class GuidanceConfig(Section):
-    """[guidance]: the velocity controller."""
+    """[guidance]: the velocity controller, or PX4's own precision landing in its place for the landing itself."""
 
+    method: Literal["velocity", "px4-precland"] = Field(
+        default="velocity",
+        description="who flies a landing: Alight by velocity, or PX4 by its precision landing (pads at rest only)",
+    )
     position_gain_1_s: float = Field(default=2.5, gt=0, le=5)
     trim_gain_1_s2: float = Field(default=1.5, ge=0, le=3, description="integral action against PX4's velocity error")
     trim_max_m_s: float = Field(default=0.4, ge=0, le=2)
@@ -263,6 +267,16 @@ class RigConfig(Section):
     safety: SafetyConfig = SafetyConfig()
     recorder: RecorderConfig = RecorderConfig()
     simulator: WorldConfig | None = None
+
+    @model_validator(mode="after")
+    def _can_precland(self) -> RigConfig:
+        built_in = self.simulator is not None and self.simulator.vehicle == "built-in"
+        if self.guidance.method == "px4-precland" and self.camera.driver == "synthetic" and built_in:
+            raise ValueError(
+                'guidance.method = "px4-precland" needs a PX4: the built-in simulator has no precision landing '
+                '(simulator.vehicle = "px4" flies one)'
+            )
+        return self
 
 
 # --------------------------------------------------------------------------------------------------------- reading

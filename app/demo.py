@@ -15,6 +15,7 @@ from app.debrief import RESULT, clear, failed, files_of, own_folder, review, wri
 from app.errors import AlightError
 from app.flying import Ended, Plan, fly
 from app.messages import OperatorAction
+from app.orders import Order
 from app.review.figures import draw_binary, draw_figures
 from app.review.flight import Flight
 from app.review.video import binary_of, middle_of_descent, write_video
@@ -80,7 +81,7 @@ def run_demo(rig: Rig, experiments: tuple[str, ...], seed: int, out: Path, conso
         for name in experiments:
             world = rig.with_world(world_of(name, seed)).on_free_ports()
             with own_folder(out / name) as folder:
-                plan = Plan(name, world, folder, OperatorAction.LAND, True, TIMEOUT_S)
+                plan = Plan(name, world, folder, (Order(OperatorAction.LAND),), True, TIMEOUT_S)
                 _fly_one(plan, out, results, console)
         console.print(table_of(results))
         console.print(

@@ -21,17 +21,16 @@ from rich.console import Console
 from app.channels import Latest
 from app.display import Display, Watched
 from app.errors import AlightError
-from app.messages import MissionReport, OperatorAction, Phase, VehicleState
+from app.messages import Detection, MissionReport, OperatorAction, Phase, VehicleState
+from app.orders import Caller, Order
 from app.runtime import Application
 from app.wiring import Rig, build_application, build_simulator
 
 REFRESH_S = 0.25
 SWITCH_INTERVAL_S = 0.001
 """The interpreter's: vision's thread holds it no longer than this (5 ms by default) when a setpoint is due."""
-READY_TIMEOUT_S = 60.0
-PHONE_TIMEOUT_S = 10.0
-ASK_AGAIN_S = 1.0
-"""A phone whose order was refused (not ready, no frames yet) asks again."""
+FIRST_FRAME_S = 20.0
+"""For a camera that is rendered from a PX4's ground truth: that comes at once, or there is none."""
 LINGER_S = 1.5
 """After a mission's end: the record shows that the vehicle rests where it landed."""
 ENDED = frozenset({Phase.LANDED, Phase.IDLE, Phase.HOLD})
@@ -46,7 +45,7 @@ class Plan:
         title: For the display.
         rig: The rig.
         folder: Where record and truth go; it exists. None for neither.
-        order: What the phone is to ask for; None: a person's own phone will.
+        orders: What the phone is to ask for, one after the other; none: a person's own phone will.
         once: End after the first mission.
         timeout_s: End after this long in any case; None for never.
         logged: The log tells each change of state, so the display need not.
@@ -55,7 +54,7 @@ class Plan:
     title: str
     rig: Rig
     folder: Path | None
-    order: OperatorAction | None = None
+    orders: tuple[Order, ...] = ()
     once: bool = False
     timeout_s: float | None = None
     logged: bool = False
@@ -95,6 +94,15 @@ class Flown:
     cpu_percent: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What is looked at while a plan is flown."""
+
+    reports: Latest[MissionReport]
+    vehicle: Latest[VehicleState]
+    detections: Latest[Detection]
+
+
 async def fly(plan: Plan, console: Console) -> Flown:
     """Fly a plan to its end.
 
@@ -112,6 +120,7 @@ async def fly(plan: Plan, console: Console) -> Flown:
         application = build_application(plan.rig, source=source, record=plan.record)
         reports = application.reports.subscribe()
         vehicle = application.vehicle.subscribe()
+        detections = application.detections.subscribe()
         watched = Watched(
             vehicle=application.vehicle.subscribe(),
             detections=application.detections.subscribe(),
@@ -126,7 +135,7 @@ async def fly(plan: Plan, console: Console) -> Flown:
         running = asyncio.create_task(application.run(), name="application")
         with Display(plan.title, watched, console, tells=not plan.logged) as display:
             try:
-                ended = await _attend(plan, running, reports, vehicle, display)
+                ended = await _attend(plan, running, Seen(reports, vehicle, detections), display)
             finally:
                 application.stop()
                 await asyncio.wait([running])
@@ -138,17 +147,10 @@ async def fly(plan: Plan, console: Console) -> Flown:
         return Flown(Ended.INTERRUPTED if signals else ended, used)
 
 
-async def _attend(
-    plan: Plan,
-    running: asyncio.Task[None],
-    reports: Latest[MissionReport],
-    vehicle: Latest[VehicleState],
-    display: Display,
-) -> Ended:
+async def _attend(plan: Plan, running: asyncio.Task[None], seen: Seen, display: Display) -> Ended:
     """Show the flight, let the phone speak when the vehicle is ready, and leave when it is over."""
     start_s = time.monotonic()
-    phone: asyncio.Task[str] | None = None
-    refused, refused_s = "the vehicle did not become ready to arm", 0.0
+    caller = Caller(plan.orders, lambda action: _phone(plan.rig.config.operator.address, action))
     begun = False
     over_since_s: float | None = None
     ended = Ended.OVER
@@ -156,35 +158,45 @@ async def _attend(
         while not running.done():
             now_s = time.monotonic()
             display.refresh(now_s)
-            report, state = reports.newest, vehicle.newest
+            report, state = seen.reports.newest, seen.vehicle.newest
             if report is not None:
                 begun = begun or report.phase not in (Phase.IDLE, Phase.LANDED)
                 over = plan.once and begun and report.phase in ENDED and report.command is None
                 over_since_s = (over_since_s or now_s) if over else None
                 if over_since_s is not None and now_s - over_since_s > LINGER_S:
                     break
-            if plan.order is not None and not begun:
-                if phone is not None and phone.done():
-                    refused, refused_s, phone = phone.result(), now_s, None
-                ready = state is not None and state.armable and report is not None
-                if phone is None and ready and now_s - refused_s > ASK_AGAIN_S:
-                    phone = asyncio.create_task(_phone(plan.rig.config.operator.address, plan.order), name="phone")
-                if now_s - start_s > READY_TIMEOUT_S:
-                    raise AlightError(
-                        f"no flight began within {READY_TIMEOUT_S:.0f} s: {refused}", "look at the log with --verbose"
-                    )
+            if plan.orders and not begun:
+                _check_truth(plan, seen, now_s - start_s)
+            caller.turn(now_s, ready=state is not None and state.armable and report is not None, begun=begun)
             if plan.timeout_s is not None and now_s - start_s > plan.timeout_s:
                 ended = Ended.TIMED_OUT
                 break
             await asyncio.wait([running], timeout=REFRESH_S)
         display.refresh(time.monotonic())
-        if phone is not None and over_since_s is not None:
-            await asyncio.wait([phone], timeout=PHONE_TIMEOUT_S)  # it hears how the mission ended, and ends by itself
+        if over_since_s is not None:
+            await caller.hear_out()
     finally:
-        if phone is not None:
-            phone.cancel()
-            await asyncio.wait([phone])
+        await caller.hang_up()
     return ended
+
+
+def _check_truth(plan: Plan, seen: Seen, waited_s: float) -> None:
+    """A PX4 that gives no ground truth gives no frames either, and nothing would ever begin.
+
+    Raises:
+        AlightError: So it is, or the vehicle flies already: the world is built round a vehicle at rest on the ground.
+    """
+    world = plan.rig.config.simulator
+    if world is None or world.vehicle != "px4" or seen.reports.newest is None:
+        return
+    if seen.vehicle.newest is not None and seen.vehicle.newest.armed:
+        raise AlightError("PX4 is armed already", "land and disarm it, or start it anew, and fly again")
+    if seen.detections.newest is None and waited_s > FIRST_FRAME_S:
+        raise AlightError(
+            f"no ground truth of PX4's on {world.px4_truth_address} within {FIRST_FRAME_S:.0f} s",
+            "start PX4 with PX4_SIM_MODEL=sihsim_quadx (SIH sends it to port 19410 + instance), and see that no other "
+            "program takes it",
+        )
 
 
 async def _phone(address: str, order: OperatorAction) -> str:

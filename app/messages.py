@@ -386,6 +386,21 @@ class Setpoint:
     yaw_ned_rad: float
 
 
+@dataclass(frozen=True, slots=True)
+class LandingTarget:
+    """Where PX4's own precision landing is to come down.
+
+    Attributes:
+        t_s: The time that it is true at.
+        pos_ned_m: (3,) the pad's origin in PX4's local frame.
+        yaw_ned_rad: Heading of the pad's forward axis.
+    """
+
+    t_s: float
+    pos_ned_m: Array
+    yaw_ned_rad: float
+
+
 class AutopilotAction(StrEnum):
     """What the mission asks of the autopilot, beside setpoints."""
 
@@ -394,6 +409,7 @@ class AutopilotAction(StrEnum):
     OFFBOARD = "offboard"
     HOLD = "hold"
     LAND = "land"
+    PRECLAND = "precland"
     RETURN = "return"
     DISARM = "disarm"
     FORCE_DISARM = "force_disarm"
@@ -504,6 +520,7 @@ class Phase(StrEnum):
     HOVER = "hover"
     TRACK = "track"
     LAND = "land"
+    PRECLAND = "precland"
     LANDED = "landed"
     HOLD = "hold"
     RETURN = "return"
@@ -525,6 +542,8 @@ class GoalKind(StrEnum):
     """Follow the track, feed-forward of its velocity, at `height_m` above the pad."""
     LAND = "land"
     """Follow the track and descend inside the cone, commit, touch down."""
+    PRECLAND = "precland"
+    """Tell PX4 where the track is, for its own precision landing; as long as it is in offboard, stay over the track."""
     CLIMB = "climb"
     """Climb to `height_m` above `anchor_ned_m`, keeping the horizontal velocity that brakes to zero."""
 
@@ -535,7 +554,7 @@ class Goal:
 
     Attributes:
         kind: What to do.
-        height_m: Height above the pad (HOVER, TRACK) or above the anchor (SEARCH, CLIMB).
+        height_m: Height above the pad (HOVER, TRACK, PRECLAND) or above the anchor (SEARCH, CLIMB).
         anchor_ned_m: (3,) centre of the search, on the ground.
         number: Counts up with each new goal: a changed number restarts search pattern and descent.
     """
@@ -623,6 +642,7 @@ class ControlTurn:
         fix_latency_s: From the exposure of the frame behind the newest fix to this setpoint; only in the first turn
             that uses that fix.
         status: What the controller told the mission.
+        target: What PX4's own precision landing was told; None if nothing was.
     """
 
     t_s: float
@@ -630,6 +650,7 @@ class ControlTurn:
     setpoint: Setpoint | None
     fix_latency_s: float | None
     status: GuidanceStatus | None
+    target: LandingTarget | None = None
 
 
 # ---------------------------------------------------------------------------------------------------------- safety

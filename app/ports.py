@@ -15,6 +15,7 @@ from app.messages import (
     CommandAnswer,
     ExposureLimits,
     Frame,
+    LandingTarget,
     OperatorCommand,
     OperatorText,
     Setpoint,
@@ -80,6 +81,10 @@ class Autopilot(Port, Protocol):
 
     async def send_setpoint(self, setpoint: Setpoint) -> None:
         """Send one setpoint, once. Nothing re-sends it."""
+        ...
+
+    async def send_landing_target(self, target: LandingTarget) -> None:
+        """Tell PX4's own precision landing once where the pad is."""
         ...
 
     async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:

@@ -22,6 +22,7 @@ from app.config import RigConfig
 from app.errors import AlightError
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
+from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
 from app.log import get_logger
 from app.messages import (
@@ -228,6 +229,7 @@ class Application:
             statuses=self.statuses,
             turns=self.turns,
             controller=VelocityController(config.guidance, config.safety),
+            precland=PrecisionLanding(config.guidance, config.safety),
             autopilot=autopilot,
             safety=config.safety,
             estimation=config.estimation,
@@ -235,7 +237,9 @@ class Application:
             clock=parts.clock,
             alive=watchdog.alive,
         )
-        settings = MissionSettings(config.mission, config.estimation, config.safety)
+        settings = MissionSettings(
+            config.mission, config.estimation, config.safety, px4_lands=config.guidance.method == "px4-precland"
+        )
         frames = self.frames.subscribe()
         detector, compute = parts.detector, parts.compute
 

@@ -77,7 +77,7 @@ async def hold_vehicle(
     """
     if report is None or report.phase not in ACTIVE | HANDED_OVER:
         return
-    if report.phase in HANDED_OVER and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
+    if report.phase in HANDED_OVER - ACTIVE and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
         return
     if vehicle is not None and vehicle.mode in PILOTS_MODES:
         return

@@ -249,7 +249,8 @@ def build_simulator(rig: Rig, *, frames: Path, truth: Path | None) -> SimulatorP
     if rig.config.simulator is None:
         raise ConfigError(f"{rig.path}: camera.driver is synthetic and there is no [simulator]", "add that table")
     companion = rig.config.autopilot.address.rpartition("//")[2]
-    return SimulatorProcess(rig.path, frames, truth, world=rig.config.simulator, companion=companion)
+    config = rig.config
+    return SimulatorProcess(rig.path, frames, truth, world=config.simulator, camera=config.camera, companion=companion)
 
 
 def tell(address: str, action: OperatorAction, height_m: float | None, silence_s: float) -> Iterator[PhoneEvent]:

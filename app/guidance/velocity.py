@@ -21,6 +21,7 @@ from app.guidance.search import SearchPattern, expanding_square_m
 from app.guidance.touchdown import Contact, step_contact
 from app.messages import Goal, GoalKind, GuidanceStatus, PadTrack, Setpoint, VehicleState
 
+OVER_THE_PAD = frozenset({GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND, GoalKind.PRECLAND})
 HEIGHT_GAIN_1_S = 0.8
 """Vertical position law; PX4's vertical velocity loop is three times faster than its horizontal one."""
 FEED_FORWARD_TAU_S = 0.20
@@ -170,7 +171,7 @@ class VelocityController:
         elif goal.kind is GoalKind.CLIMB:
             wanted[:2] = self._coast(track, now_s)
             wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
-        elif goal.kind in (GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND):
+        elif goal.kind in OVER_THE_PAD:
             if relative is None:  # lost: hold the height; the mission decides what comes next
                 wanted[:2] = self._coast(track, now_s)
                 wanted[2] = self._to_height(self._hold_height_down_m, vehicle)
@@ -212,7 +213,7 @@ class VelocityController:
         over the pad the lasting error shows by how much. Forgotten with the pad, kept through a contact.
         """
         config = self._guidance
-        if relative is None or goal.kind not in (GoalKind.HOVER, GoalKind.TRACK, GoalKind.LAND):
+        if relative is None or goal.kind not in OVER_THE_PAD:
             self._trim_ne_m_s = np.zeros(2)
         elif not self._contact.contact and float(np.linalg.norm(relative.error_ne_m)) < TRIM_REACH_M:
             learnt = self._trim_ne_m_s + config.trim_gain_1_s2 * dt_s * relative.error_ne_m

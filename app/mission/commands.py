@@ -120,6 +120,9 @@ def _change_aim(
     cancelled = _cancelled(state)
     taken = replace(state, command=command)
     height_m = command.height_m or config.track_height_m
+    if state.phase is Phase.PRECLAND and command.action is not OperatorAction.LAND and inputs.vehicle is not None:
+        changed = enter_search(taken, inputs.vehicle, Reason.COMMANDED, now_s)  # PX4 flies: offboard comes first
+        return replace(changed, answers=(*cancelled, *changed.answers))
     if state.phase in (Phase.LAND, Phase.TRACK) and command.action is not OperatorAction.LAND:
         kind, phase = (
             (GoalKind.TRACK, Phase.TRACK) if command.action is OperatorAction.TRACK else (GoalKind.HOVER, Phase.HOVER)

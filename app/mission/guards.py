@@ -9,9 +9,11 @@ from app.messages import (
     AutopilotAction,
     CommandResult,
     FlightMode,
+    LandedState,
     Phase,
     Response,
     Severity,
+    VehicleState,
 )
 from app.mission.states import (
     ACTIVE,
@@ -53,7 +55,7 @@ def end_of_flight(state: MissionState, inputs: MissionInputs, now_s: float) -> T
     if vehicle is None or vehicle.armed or state.phase not in IN_OFFBOARD | HANDED_OVER:
         return None
     guidance = guidance_of(state, inputs)
-    if state.phase is Phase.LAND and guidance is not None and guidance.committed:
+    if state.phase in (Phase.LAND, Phase.PRECLAND) and guidance is not None and guidance.committed:
         return go(state, Phase.LANDED, Reason.TOUCHDOWN, now_s, severity=Severity.NOTICE, result=CommandResult.ACCEPTED)
     return go(state, Phase.IDLE, Reason.DISARMED, now_s, severity=Severity.NOTICE, result=CommandResult.FAILED)
 
@@ -64,7 +66,7 @@ def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transitio
     if vehicle is None or not vehicle.armed or state.phase not in ACTIVE | HANDED_OVER:
         return None
     mode = vehicle.mode
-    if mode is FlightMode.UNKNOWN or mode in _ours(state):
+    if mode is FlightMode.UNKNOWN or mode in _ours(state) or _disarms(state, vehicle):
         return None
     return go(
         state,
@@ -75,6 +77,14 @@ def pilot(state: MissionState, inputs: MissionInputs, now_s: float) -> Transitio
         severity=Severity.WARNING,
         result=CommandResult.CANCELLED,
     )
+
+
+def _disarms(state: MissionState, vehicle: VehicleState) -> bool:
+    """On the pad PX4 goes back to the mode before its precision landing as it disarms, which shows up to a second
+    later. Nothing is commanded meanwhile.
+    """
+    on_pad = state.committed_since_s is not None and vehicle.landed is LandedState.ON_GROUND
+    return state.phase is Phase.PRECLAND and state.handed_over and on_pad and vehicle.mode is FlightMode.OFFBOARD
 
 
 def _ours(state: MissionState) -> set[FlightMode]:

@@ -21,6 +21,8 @@ from app.messages import (
     VehicleState,
 )
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
+from app.mission.precland import begin_precland, run_precland
+from app.mission.rounds import go_round, lost
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
 from app.mission.transitions import ask, enter_search, fail, go, guidance_of, numbered
 
@@ -28,16 +30,12 @@ SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
 SETTLED_HEIGHT_M = 0.6
 SETTLED_FOR_S = 1.0
-LOST_AFTER_S = 2.0
-"""Guidance closes in no more after half a second and coasts along; a pad unseen for so long is searched for anew."""
 MISSED_BELOW_PAD_M = -0.35
 """So far below where the pad is believed to be, the vehicle has sunk past it."""
 FALLEN_OFF_S = 1.0
 """Without contact for so long, a vehicle that was on the pad has slid off it."""
 COMMITTED_MAX_S = 20.0
 """From the commit to the disarm: 1 s of sinking, and at most 7 s for PX4's land detector (measured at 0.5 m/s)."""
-ANCHOR_AHEAD_MAX_S = 4.0
-"""A pad that was last seen longer ago is not expected where its last velocity would have taken it."""
 
 
 def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
@@ -58,6 +56,8 @@ def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: 
             return _track(state, inputs, now_s, config)
         case Phase.LAND:
             return _land(state, inputs, vehicle, now_s, config)
+        case Phase.PRECLAND:
+            return run_precland(state, inputs, vehicle, now_s, config)
         case Phase.HOLD | Phase.RETURN | Phase.FALLBACK_LAND:
             return hand_over(state, vehicle, now_s)
 
@@ -114,13 +114,13 @@ def _search(
 
 
 def _hover(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
-    lost = _lost(state, inputs, now_s, config)
-    if lost is not None:
-        return lost
+    gone = lost(state, inputs, now_s, config)
+    if gone is not None:
+        return gone
     state = _steady(state, inputs, now_s)
     if not _settled(state, now_s):
         if state.command is not None and now_s - state.since_s > config.hover_timeout_s:
-            return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
+            return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         return Transition(state)
     if state.command is None:
         return Transition(state)
@@ -133,22 +133,24 @@ def _hover(state: MissionState, inputs: MissionInputs, now_s: float, config: Mis
 
 
 def _track(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
-    lost = _lost(state, inputs, now_s, config)
-    if lost is not None:
-        return lost
+    gone = lost(state, inputs, now_s, config)
+    if gone is not None:
+        return gone
     state = _steady(state, inputs, now_s)
     if state.command is None or not _settled(state, now_s):
         if (
             state.command is not None
             and now_s - state.since_s > config.track_time_before_land_s + config.hover_timeout_s
         ):
-            return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
+            return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         return Transition(state)
     if state.command.action is OperatorAction.TRACK:
         done = CommandAnswer(state.command.number, CommandResult.ACCEPTED)
         text = OperatorText(f"track: {Reason.TRACK_STEADY.value}", Severity.NOTICE)
         return Transition(replace(state, command=None, tries=0), answers=(done,), texts=(text,))
     if now_s - state.since_s >= config.track_time_before_land_s:
+        if inputs.px4_lands:
+            return begin_precland(state, inputs, now_s, config)
         return go(state, Phase.LAND, Reason.TRACK_STEADY, now_s, goal=numbered(state, GoalKind.LAND))
     return Transition(state)
 
@@ -158,11 +160,11 @@ def _land(
 ) -> Transition:
     guidance = guidance_of(state, inputs)
     if guidance is None or not guidance.committed:
-        lost = _lost(state, inputs, now_s, config)
-        if lost is not None:
-            return lost
+        gone = lost(state, inputs, now_s, config)
+        if gone is not None:
+            return gone
         if now_s - state.since_s > config.land_timeout_s:
-            return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
+            return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         return Transition(replace(state, committed_since_s=None, contact_s=None))
     since_s = now_s if state.committed_since_s is None else state.committed_since_s
     contact_s = now_s if guidance.contact else state.contact_s
@@ -171,10 +173,10 @@ def _land(
     # On the ground PX4's height drifts on by decimetres in seconds: only a vehicle that falls has missed.
     falling = contact_s is None or now_s - contact_s > FALLEN_OFF_S
     if height_m is not None and height_m < MISSED_BELOW_PAD_M and falling:
-        return _go_round(state, inputs, Reason.PAD_MISSED, now_s, config)
+        return go_round(state, inputs, Reason.PAD_MISSED, now_s, config)
     if now_s - since_s > COMMITTED_MAX_S:
         if not guidance.contact:
-            return _go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
+            return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         # It stands on something and nobody disarms: PX4's own landing is the one that can end this.
         return go(
             state,
@@ -210,26 +212,3 @@ def _steady(state: MissionState, inputs: MissionInputs, now_s: float) -> Mission
 
 def _settled(state: MissionState, now_s: float) -> bool:
     return state.steady_since_s is not None and now_s - state.steady_since_s >= SETTLED_FOR_S
-
-
-def _lost(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
-    track = inputs.track
-    if track is not None and now_s - track.t_last_fix_s <= LOST_AFTER_S:
-        return None
-    return _go_round(state, inputs, Reason.PAD_LOST, now_s, config)
-
-
-def _go_round(
-    state: MissionState, inputs: MissionInputs, reason: Reason, now_s: float, config: MissionConfig
-) -> Transition:
-    """Climb to the search height over where the pad is expected, and search again; a limited number of times."""
-    if state.tries + 1 >= config.landing_tries:
-        return fail(state, Reason.TRIES_USED_UP, now_s, config, f"{Reason.TRIES_USED_UP.value}: {reason.value}")
-    vehicle, track = inputs.vehicle, inputs.track
-    anchor = np.zeros(3) if vehicle is None else np.array(vehicle.pos_ned_m)
-    if track is not None:
-        anchor = np.array(track.at(min(now_s, track.t_capture_s + ANCHOR_AHEAD_MAX_S)).pos_ned_m)
-    if state.home_ned_m is not None and track is None:
-        anchor[2] = state.home_ned_m[2]
-    goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor)
-    return go(state, Phase.SEARCH, reason, now_s, goal=goal, severity=Severity.WARNING, tries=state.tries + 1)

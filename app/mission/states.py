@@ -33,6 +33,7 @@ class Reason(StrEnum):
     TRACK_STEADY = "track steady"
     PAD_LOST = "pad lost"
     PAD_NOT_FOUND = "pad not found"
+    PAD_MOVES = "pad moves"
     PAD_MISSED = "missed the pad, going round"
     TIMED_OUT = "took too long"
     TRIES_USED_UP = "tries used up"
@@ -51,15 +52,16 @@ class Reason(StrEnum):
 
 IN_OFFBOARD = frozenset({Phase.SEARCH, Phase.HOVER, Phase.TRACK, Phase.LAND})
 """The phases in which Alight steers."""
-ACTIVE = IN_OFFBOARD | {Phase.TAKEOFF}
+ACTIVE = IN_OFFBOARD | {Phase.TAKEOFF, Phase.PRECLAND}
 """The phases in which a command is being carried out."""
 OWN_MODE = {
     Phase.HOLD: (AutopilotAction.HOLD, FlightMode.HOLD),
     Phase.RETURN: (AutopilotAction.RETURN, FlightMode.RETURN),
     Phase.FALLBACK_LAND: (AutopilotAction.LAND, FlightMode.LAND),
+    Phase.PRECLAND: (AutopilotAction.PRECLAND, FlightMode.PRECLAND),
 }
 """What is asked of PX4 on entering a phase that it flies by itself, and the mode that this shows as."""
-NO_ARMING_IN = frozenset({FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.RETURN})
+NO_ARMING_IN = frozenset({FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.PRECLAND, FlightMode.RETURN})
 """The modes that a flight ends in and in which PX4 does not arm: hold comes first."""
 HANDED_OVER = frozenset(OWN_MODE)
 """The phases in which PX4 flies a mode of its own because Alight asked for it."""
@@ -87,7 +89,7 @@ class MissionState:
         committed_since_s: Since when the landing has been committed.
         contact_s: When the vehicle last rested on something in this landing.
         takeoff_accepted: PX4 accepted the take-off.
-        handed_over: PX4 has taken up the mode of its own that a HOLD, RETURN or FALLBACK_LAND asked for.
+        handed_over: PX4 has taken up the mode of its own that this phase asked for.
     """
 
     phase: Phase = Phase.IDLE
@@ -123,6 +125,7 @@ class MissionInputs:
         command: A new command of the phone.
         results: Answers to actions since the last step.
         may_force_disarm: Safety allows a forced disarm now.
+        px4_lands: A landing is left to PX4's own precision landing (guidance.method).
     """
 
     vehicle: VehicleState | None
@@ -133,6 +136,7 @@ class MissionInputs:
     command: OperatorCommand | None = None
     results: tuple[ActionResult, ...] = ()
     may_force_disarm: bool = False
+    px4_lands: bool = False
 
 
 @dataclass(frozen=True, slots=True)

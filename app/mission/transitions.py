@@ -23,7 +23,7 @@ from app.messages import (
 )
 from app.mission.states import HANDED_OVER, IN_OFFBOARD, OWN_MODE, MissionInputs, MissionState, Reason, Transition
 
-PROGRESS = {Phase.TAKEOFF: 10, Phase.SEARCH: 30, Phase.HOVER: 50, Phase.TRACK: 65, Phase.LAND: 80}
+PROGRESS = {Phase.TAKEOFF: 10, Phase.SEARCH: 30, Phase.HOVER: 50, Phase.TRACK: 65, Phase.LAND: 80, Phase.PRECLAND: 80}
 """What the phone is told of a mission's progress, in percent, when it enters a phase."""
 RETRY_S = 1.0
 """An action that was refused is asked for again after this long."""

@@ -1,4 +1,5 @@
 """The velocity controller's loop: 50 times a second, one setpoint, sent once. Nothing else sends setpoints.
+While PX4 lands by its own precision landing, it is told where the pad is instead, 20 times a second.
 
 No setpoint outlives its sender: the link re-sends nothing, so a loop that stops is a stream that stops, and PX4's own
 offboard-loss failsafe takes over. The loop itself falls silent when the mission's order or the vehicle's state is old.
@@ -14,17 +15,23 @@ import numpy as np
 from app.channels import Latest, Topic
 from app.clock import Clock
 from app.config import EstimationConfig, SafetyConfig
+from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
 from app.messages import (
     ControlTurn,
+    FlightMode,
     GoalKind,
     GoalOrder,
     GuidanceStatus,
+    LandingTarget,
     PadTrack,
     Setpoint,
     VehicleState,
 )
 from app.ports import Autopilot
+
+TARGET_PERIOD_S = 0.05
+"""PX4 looks for a target ten times a second and more, and takes one that is 0.5 s old near the ground for lost."""
 
 
 async def run_control(
@@ -35,6 +42,7 @@ async def run_control(
     statuses: Topic[GuidanceStatus],
     turns: Topic[ControlTurn],
     controller: VelocityController,
+    precland: PrecisionLanding,
     autopilot: Autopilot,
     safety: SafetyConfig,
     estimation: EstimationConfig,
@@ -51,6 +59,7 @@ async def run_control(
         statuses: What the controller tells the mission.
         turns: Each turn, for the record.
         controller: Guidance.
+        precland: Guidance of PX4's own precision landing.
         autopilot: Where the setpoints go.
         safety: Ages at which orders and states are too old.
         estimation: How many fixes make a track that may be followed: one that just began anew may be an error.
@@ -62,15 +71,21 @@ async def run_control(
     next_s = clock.now_s()
     previous_s = next_s
     last_fix_s: float | None = None
+    target_due_s = next_s
     while True:
         next_s = max(next_s + period_s, clock.now_s() - period_s)  # after a stall no burst makes up for lost turns
         await asyncio.sleep(max(0.0, next_s - clock.now_s()))
         now_s = clock.now_s()
         track = tracks.newest
         known = track if track is not None and track.fixes_accepted >= estimation.fixes_before_confident else None
-        setpoint, status = _decide(orders.newest, known, vehicle.newest, controller, safety, now_s)
+        setpoint, target, status = _decide(orders.newest, known, vehicle.newest, controller, precland, safety, now_s)
         if setpoint is not None:
             await autopilot.send_setpoint(setpoint)
+        if target is not None and now_s < target_due_s - 0.5 * period_s:
+            target = None
+        if target is not None:
+            target_due_s = max(target_due_s + TARGET_PERIOD_S, now_s)
+            await autopilot.send_landing_target(target)
         sent_s = clock.now_s()
         latency_s = None
         if setpoint is not None and track is not None and track.t_last_fix_s != last_fix_s:
@@ -78,7 +93,7 @@ async def run_control(
             latency_s = sent_s - last_fix_s
         if status is not None:
             statuses.publish(status)
-        turns.publish(ControlTurn(sent_s, now_s - previous_s, setpoint, latency_s, status))
+        turns.publish(ControlTurn(sent_s, now_s - previous_s, setpoint, latency_s, status, target))
         previous_s = now_s
         alive()
 
@@ -88,14 +103,25 @@ def _decide(
     track: PadTrack | None,
     vehicle: VehicleState | None,
     controller: VelocityController,
+    precland: PrecisionLanding,
     safety: SafetyConfig,
     now_s: float,
-) -> tuple[Setpoint | None, GuidanceStatus | None]:
+) -> tuple[Setpoint | None, LandingTarget | None, GuidanceStatus | None]:
     if order is None or order.goal.kind is GoalKind.NONE or vehicle is None:
         controller.forget()
-        return None, None
+        precland.forget()
+        return None, None, None
     if not np.isfinite([*vehicle.pos_ned_m, *vehicle.vel_ned_m_s, *vehicle.q_ned_from_body_wxyz]).all():
-        return None, None
+        return None, None, None
     if now_s - order.t_s > safety.setpoint_gap_max_s or now_s - vehicle.t_capture_s > safety.vehicle_state_stale_s:
-        return None, None
-    return controller.step(order.goal, track, vehicle, now_s)
+        return None, None, None
+    if order.goal.kind is not GoalKind.PRECLAND:
+        precland.forget()
+        setpoint, status = controller.step(order.goal, track, vehicle, now_s)
+        return setpoint, None, status
+    target, status = precland.step(order.goal, track, vehicle, now_s)
+    if precland.taken_over or vehicle.mode is not FlightMode.OFFBOARD:
+        controller.forget()
+        return None, target, status
+    setpoint, _ = controller.step(order.goal, track, vehicle, now_s)
+    return setpoint, target, status

@@ -54,11 +54,12 @@ class MissionQueues:
 
 @dataclass(frozen=True, slots=True)
 class MissionSettings:
-    """The sections of the configuration that the mission reads."""
+    """The sections of the configuration that the mission reads, and whether PX4 is to fly a landing."""
 
     mission: MissionConfig
     estimation: EstimationConfig
     safety: SafetyConfig
+    px4_lands: bool = False
 
 
 async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock: Clock) -> None:
@@ -113,6 +114,7 @@ def _inputs(queues: MissionQueues, settings: MissionSettings, verdict: Verdict |
         command=None if queues.commands.empty() else queues.commands.get_nowait(),
         results=tuple(queues.results.drain()),
         may_force_disarm=allowed,
+        px4_lands=settings.px4_lands,
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.messages import AutopilotAction, FlightMode, Setpoint
+from app.messages import AutopilotAction, FlightMode, LandingTarget, Setpoint
 from drivers.autopilot.px4_modes import MAIN_SUB
 
 Fields = dict[str, Any]
@@ -22,6 +22,7 @@ _MODE = {
     AutopilotAction.OFFBOARD: FlightMode.OFFBOARD,
     AutopilotAction.HOLD: FlightMode.HOLD,
     AutopilotAction.LAND: FlightMode.LAND,
+    AutopilotAction.PRECLAND: FlightMode.PRECLAND,
     AutopilotAction.RETURN: FlightMode.RETURN,
 }
 
@@ -78,4 +79,37 @@ def setpoint_fields(setpoint: Setpoint, system_id: int, boot_s: float) -> Fields
         "afz": acc[2],
         "yaw": yaw,
         "yaw_rate": 0.0,
+    }
+
+
+def landing_target_fields(target: LandingTarget, epoch_s: float) -> Fields:
+    """Fields of LANDING_TARGET: the pad's place in PX4's local frame, as PX4's precision landing takes it.
+
+    Args:
+        target: What to tell.
+        epoch_s: Its time since 1970. MAVSDK answers PX4's TIMESYNC by that clock, and PX4 converts it to its own; one
+            that is not in step with us takes the time of arrival.
+
+    Raises:
+        ValueError: A value is not finite.
+    """
+    pos = [float(v) for v in target.pos_ned_m]
+    half = 0.5 * float(target.yaw_ned_rad)
+    if not np.isfinite([*pos, half]).all():
+        raise ValueError(f"a landing target that is not finite: {target!r}")
+    return {
+        "time_usec": int(epoch_s * 1e6),
+        "target_num": 0,
+        "frame": 1,  # MAV_FRAME_LOCAL_NED: PX4 takes no other
+        "angle_x": 0.0,
+        "angle_y": 0.0,
+        "distance": 0.0,
+        "size_x": 0.0,
+        "size_y": 0.0,
+        "x": pos[0],
+        "y": pos[1],
+        "z": pos[2],
+        "q": [math.cos(half), 0.0, 0.0, math.sin(half)],
+        "type": 2,  # LANDING_TARGET_TYPE_VISION_FIDUCIAL
+        "position_valid": 1,
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import aclosing
 from types import TracebackType
 from typing import Any, Self
@@ -22,11 +22,17 @@ from app.channels import Latest
 from app.config import AutopilotConfig
 from app.errors import AutopilotError
 from app.log import get_logger
-from app.messages import AutopilotAction, CommandResult, Setpoint, VehicleState
+from app.messages import AutopilotAction, CommandResult, LandingTarget, Setpoint, VehicleState
 from drivers.autopilot.command_channel import CommandChannel, NoAnswerError
-from drivers.autopilot.px4_commands import SET_MESSAGE_INTERVAL, command_long, command_of, setpoint_fields
+from drivers.autopilot.px4_commands import (
+    SET_MESSAGE_INTERVAL,
+    command_long,
+    command_of,
+    landing_target_fields,
+    setpoint_fields,
+)
 from drivers.autopilot.px4_words import AUTOPILOT_COMPONENT, Px4Words
-from drivers.autopilot.setpoint_channel import SetpointChannel
+from drivers.autopilot.setpoint_channel import CLOSE_MAX_S, SetpointChannel
 from drivers.autopilot.telemetry import NAMES, VehicleTelemetry
 from drivers.mavsdk_session import COMPONENT_ID, MavsdkSession, encode, messages
 
@@ -51,6 +57,7 @@ class Px4Autopilot:
 
     Attributes:
         setpoints: How they leave; counts those sent and dropped.
+        targets: The same of landing targets.
     """
 
     def __init__(self, config: AutopilotConfig) -> None:
@@ -62,12 +69,14 @@ class Px4Autopilot:
         self._words: Px4Words | None = None
         self._background: asyncio.Task[None] | None = None
         self._readers: list[Latest[VehicleState | None]] = []
+        self._sending: set[asyncio.Task[None]] = set()
         self._newest: VehicleState | None = None
         self._states_seen = 0
         self._warm = asyncio.Event()
         self._rates_wanted = asyncio.Event()
         self._rates_set = asyncio.Event()
         self.setpoints = SetpointChannel()
+        self.targets = SetpointChannel()
 
     @property
     def session(self) -> MavsdkSession:
@@ -143,8 +152,12 @@ class Px4Autopilot:
             background.cancel()
             await asyncio.wait({background})
         self._direct = self._words = None
+        # A call of MAVSDK's that is under way on a thread would crash in an instance that is gone.
+        await self.setpoints.close()
+        await self.targets.close()
+        if self._sending:
+            await asyncio.wait(self._sending, timeout=CLOSE_MAX_S)
         await self._session.close()
-        self.setpoints.close()
 
     # ------------------------------------------------------------------------------------------------------ reading
     async def states(self) -> AsyncIterator[VehicleState]:
@@ -256,10 +269,24 @@ class Px4Autopilot:
             ValueError: The setpoint isn't finite.
             AutopilotError: The link is closed.
         """
-        direct = self._open_direct()
         boot_s = self._telemetry.clock.to_boot_s(setpoint.t_s)
-        fields = encode(setpoint_fields(setpoint, self.system_id, boot_s))
-        message = MavlinkMessage("SET_POSITION_TARGET_LOCAL_NED", 0, 0, self.system_id, AUTOPILOT_COMPONENT, fields)
+        fields = setpoint_fields(setpoint, self.system_id, boot_s)
+        await self.setpoints.send(self._put("SET_POSITION_TARGET_LOCAL_NED", fields), setpoint.t_s)
+
+    async def send_landing_target(self, target: LandingTarget) -> None:
+        """Send where the pad is in PX4's local frame, once, if it is fresh.
+
+        Raises:
+            ValueError: The target isn't finite.
+            AutopilotError: The link is closed.
+        """
+        epoch_s = time.time() - (time.monotonic() - target.t_s)
+        await self.targets.send(self._put("LANDING_TARGET", landing_target_fields(target, epoch_s)), target.t_s)
+
+    def _put(self, name: str, fields: dict[str, Any]) -> Callable[[], str]:
+        """What puts a message on the wire, on a thread of its own; it returns "" or what went wrong."""
+        direct = self._open_direct()
+        message = MavlinkMessage(name, 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(fields))
 
         def put() -> str:
             try:
@@ -269,7 +296,7 @@ class Px4Autopilot:
                 return str(fault.result.name)
             return ""
 
-        await self.setpoints.send(put, setpoint.t_s)
+        return put
 
     async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
         """Run an action to PX4's answer, within action_timeout_s. TAKEOFF climbs to height_m above the present height.
@@ -330,11 +357,19 @@ class Px4Autopilot:
 
     async def _send_command(self, fields: Mapping[str, Any]) -> None:
         message = MavlinkMessage("COMMAND_LONG", 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(dict(fields)))
+        sending = asyncio.create_task(self._open_direct().send_message(message), name="autopilot-command")
+        self._sending.add(sending)
+        sending.add_done_callback(self._sent)
         try:
-            await self._open_direct().send_message(message)
+            await asyncio.shield(sending)  # its thread can't be cancelled
         except MavlinkDirectError as fault:
             # Not an end: it is sent again, and a link that stays down shows as no answer.
             _log.debug("command.not_sent", command=fields["command"], fault=fault.result.name)
+
+    def _sent(self, sending: asyncio.Task[None]) -> None:
+        self._sending.discard(sending)
+        if not sending.cancelled():
+            sending.exception()  # of a command that nobody waits for any more
 
     async def _read_acks(self) -> None:
         ours = ((self.system_id, COMPONENT_ID), (self.system_id, 0), (0, 0))

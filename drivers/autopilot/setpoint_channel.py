@@ -15,6 +15,8 @@ from app.log import get_logger
 
 AGE_MAX_S = 0.2
 """An older setpoint is not sent."""
+CLOSE_MAX_S = 2.0
+"""A link that takes nothing for so long is closed under what waits for it."""
 
 _log = get_logger("autopilot")
 
@@ -30,6 +32,7 @@ class SetpointChannel:
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="setpoint")
         self._busy = False
+        self._call: Future[str] | None = None
         self._failing = False
         self.sent = 0
         self.dropped = 0
@@ -47,7 +50,7 @@ class SetpointChannel:
             self.dropped += 1
             return
         self._busy = True
-        call = self._thread.submit(self._put_if_fresh, put, t_s)
+        call = self._call = self._thread.submit(self._put_if_fresh, put, t_s)
         call.add_done_callback(self._on_done)
         try:
             async with asyncio.timeout(AGE_MAX_S):
@@ -58,9 +61,11 @@ class SetpointChannel:
             _log.warning("setpoint.not_sent", fault=fault)
         self._failing = bool(fault)
 
-    def close(self) -> None:
-        """Take no more."""
+    async def close(self) -> None:
+        """Take no more, and wait until what is being sent has left: the link must not go away under it."""
         self._thread.shutdown(wait=False, cancel_futures=True)
+        if self._call is not None and not self._call.done():
+            await asyncio.wait([asyncio.wrap_future(self._call)], timeout=CLOSE_MAX_S)
 
     def _on_done(self, _: Future[str]) -> None:
         """On whichever thread the call ended or was cancelled."""

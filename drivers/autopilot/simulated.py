@@ -14,7 +14,7 @@ import numpy as np
 
 from app.channels import Latest
 from app.errors import AutopilotError
-from app.messages import AutopilotAction, FlightMode, Setpoint, VehicleState
+from app.messages import AutopilotAction, FlightMode, LandingTarget, Setpoint, VehicleState
 from drivers.simulator.commander import Result
 from drivers.simulator.controller import NO_VECTOR, Demand
 from drivers.simulator.telemetry import BATTERY_DRAIN_1_S
@@ -84,6 +84,9 @@ class SimulatedAutopilot:
             )
         )
 
+    async def send_landing_target(self, target: LandingTarget) -> None:
+        """The simulated PX4 has no precision landing, and refuses its mode."""
+
     async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
         """Run an action to its answer.
 
@@ -111,6 +114,8 @@ class SimulatedAutopilot:
                 return px4.set_mode(FlightMode.HOLD)
             case AutopilotAction.LAND:
                 return px4.set_mode(FlightMode.LAND)
+            case AutopilotAction.PRECLAND:
+                return Result.DENIED
             case AutopilotAction.RETURN:
                 return px4.set_mode(FlightMode.RETURN)
             case AutopilotAction.DISARM:

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from app.config import WorldConfig
+from app.config import CameraConfig, WorldConfig
 from app.errors import AlightError
 
 READY_TIMEOUT_S = 60.0
@@ -25,6 +25,7 @@ class SimulatorProcess:
         frames: Unix socket to give frames on: the source of the synthetic camera.
         truth: File for the truth, complete after the context is left.
         world: In place of the rig's [simulator].
+        camera: In place of the rig's [camera].
         companion: host:port that MAVLink goes to, in place of the rig's.
         ground_station: host:port of a second link.
 
@@ -39,6 +40,7 @@ class SimulatorProcess:
         truth: Path | None = None,
         *,
         world: WorldConfig | None = None,
+        camera: CameraConfig | None = None,
         companion: str | None = None,
         ground_station: str | None = None,
     ) -> None:
@@ -46,6 +48,7 @@ class SimulatorProcess:
         for name, value in (
             ("--truth", truth),
             ("--world", world.model_dump_json() if world else None),
+            ("--camera", camera.model_dump_json() if camera else None),
             ("--companion", companion),
             ("--ground-station", ground_station),
         ):

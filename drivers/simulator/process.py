@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import cv2
 
-from app.config import LensConfig, PadConfig, RigConfig, WorldConfig, read_config, resolve
+from app.config import CameraConfig, LensConfig, PadConfig, RigConfig, WorldConfig, read_config, resolve
 from app.errors import AlightError, ConfigError
 from app.log import configure_logging, get_logger
 from drivers.simulator.film import Film
@@ -69,6 +69,7 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m drivers.simulator", description=__doc__)
     parser.add_argument("--config", type=Path, required=True, help="rig file")
     parser.add_argument("--world", help="[simulator] as JSON, in place of the rig's")
+    parser.add_argument("--camera", help="[camera] as JSON, in place of the rig's")
     parser.add_argument("--seed", type=int, help="in place of the world's")
     parser.add_argument("--frames", type=Path, required=True, help="Unix socket to give frames on")
     parser.add_argument("--truth", type=Path, help="file for the truth, read after the flight")
@@ -106,6 +107,8 @@ def run(argv: list[str], say: Callable[[str], None], stop: threading.Event) -> N
     """
     options = _arguments(argv)
     rig = read_config(options.config, RigConfig)
+    if options.camera:
+        rig = rig.model_copy(update={"camera": CameraConfig.model_validate_json(options.camera)})
     lens = read_config(resolve(options.config, rig.camera.lens), LensConfig)
     landmark = read_config(resolve(options.config, rig.pad), PadConfig).landmark()
     world = _world_of(rig, options)

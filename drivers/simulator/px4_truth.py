@@ -181,7 +181,7 @@ class Px4Truth:
             moved = [p + PULL * (m - p) for p, m in zip(ahead, measured, strict=True)]
             # Altitude has no coarse steps: it is taken as it is.
             pos = (moved[0], moved[1], measured[2])
-            pad = self._pad.step(dt, -pos[2] - FOOT_DOWN_M)
+            pad = self._pad.step(dt, -pos[2] - FOOT_DOWN_M, (pos[0], pos[1]))
         w, x, y, z = message.attitude_quaternion
         sample = _Sample(t_s, pos, vel, (w, x, y, z), (message.rollspeed, message.pitchspeed, message.yawspeed), pad)
         self._samples.append(sample)

@@ -1,12 +1,12 @@
-"""The link to PX4 against a real PX4 SITL, fresh on the ground, at the address in PX4_SITL (udpin://127.0.0.1:14540)."""
+"""The link to PX4 against a real PX4 SITL, fresh on the ground."""
 
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +16,12 @@ from app.errors import AutopilotError
 from app.messages import AutopilotAction, FlightMode, LandedState, Setpoint, VehicleState
 from drivers.autopilot.px4_mavsdk import Px4Autopilot
 
-ADDRESS = os.environ.get("PX4_SITL", "")
-pytestmark = [pytest.mark.sitl, pytest.mark.skipif(not ADDRESS, reason="PX4_SITL names no running PX4 SITL")]
+pytestmark = pytest.mark.sitl
 
 
 @pytest.fixture
-async def px4() -> AsyncIterator[Px4Autopilot]:
-    async with Px4Autopilot(AutopilotConfig(address=ADDRESS, connect_timeout_s=30.0)) as px4:
+async def px4(sitl: Any) -> AsyncIterator[Px4Autopilot]:
+    async with Px4Autopilot(AutopilotConfig(address=sitl.address, connect_timeout_s=30.0)) as px4:
         yield px4
 
 

@@ -107,6 +107,7 @@ def test_pad_at_another_size_scales_quiet_zone_and_offsets(write):
         ("[mission]\nsearch_height_m = nan", ["mission.search_height_m = nan", "finite"]),
         ("[mission]\nlanding_tries = 2.5", ["mission.landing_tries = 2.5", "integer"]),
         ("[autopilot]\naddress = '127.0.0.1:14540'", ["autopilot.address = '127.0.0.1:14540'", "udpin"]),
+        ("[guidance]\nmethod = 'px4'", ["guidance.method = 'px4'", "'velocity' or 'px4-precland'"]),
         ("[vision]\nmethod = 'guess'", ["vision.method = 'guess'", "'pnp' or 'paper'"]),
     ],
 )
@@ -117,6 +118,21 @@ def test_rig_file_with_one_fault_is_refused_in_words_that_help(write, text, word
     message = str(refused.value)
     assert [word for word in (str(path), *words) if word not in message] == []
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("world", "driver", "refused"),
+    [("px4", "synthetic", False), ("built-in", "synthetic", True), ("built-in", "picamera2", False)],
+)
+def test_px4s_precision_landing_is_refused_where_no_px4_flies(write, world, driver, refused):
+    rig = RIG.replace('driver = "opencv"', f'driver = "{driver}"')
+    assert f'"{driver}"' in rig
+    path = write(f'{rig}[guidance]\nmethod = "px4-precland"\n[simulator]\nvehicle = "{world}"\n')
+    if not refused:
+        assert read_config(path, RigConfig).guidance.method == "px4-precland"
+        return
+    with pytest.raises(ConfigError, match='"px4-precland" needs a PX4: the built-in simulator has no precision'):
+        read_config(path, RigConfig)
 
 
 def test_rig_file_with_several_faults_names_them_all_at_once(write):

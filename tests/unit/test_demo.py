@@ -80,7 +80,7 @@ def test_demo_flies_each_experiment_with_a_phone_on_ports_of_its_own(flown, cons
     addresses = {plan.rig.config.autopilot.address for plan in flown.plans}
     addresses |= {plan.rig.config.operator.address for plan in flown.plans}
     assert len(addresses) == 4
-    assert all(plan.order is not None and plan.once for plan in flown.plans)
+    assert all(plan.orders and plan.once for plan in flown.plans)
 
 
 def test_demo_that_fails_writes_what_came_before_and_its_error(flown, console, rig, tmp_path):

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from app import flying
-from app.channels import Latest, Topic
+from app.channels import Topic
 from app.clock import LoopClock, run_virtual
 from app.errors import AlightError
-from app.flying import Ended, Plan
-from app.messages import GoalKind, MissionReport, OperatorAction, Phase, VehicleState
+from app.flying import Ended, Plan, Seen
+from app.messages import Detection, GoalKind, MissionReport, OperatorAction, Phase, VehicleState
+from app.orders import Order
 
 CLOCK = LoopClock()
 
@@ -25,7 +26,9 @@ class Bench:
     """An application that runs until told otherwise, a display that shows nothing, and a phone that is refused."""
 
     def __init__(self, **plan: Any) -> None:
-        rig = SimpleNamespace(config=SimpleNamespace(operator=SimpleNamespace(address="udpin://127.0.0.1:1")))
+        rig = SimpleNamespace(
+            config=SimpleNamespace(operator=SimpleNamespace(address="udpin://127.0.0.1:1"), simulator=None)
+        )
         self.plan = Plan("test", rig, None, **plan)  # type: ignore[arg-type]
         self.reports: Topic[MissionReport] = Topic("reports")
         self.vehicle: Topic[VehicleState] = Topic("vehicle")
@@ -33,10 +36,8 @@ class Bench:
         self.heard: list[str] = []
         self.shown = 0
         self.answers_after_s: float | None = 0.2
-        self.subscribed: tuple[Latest[MissionReport], Latest[VehicleState]] = (
-            self.reports.subscribe(),
-            self.vehicle.subscribe(),
-        )
+        self.detections: Topic[Detection] = Topic("detections")
+        self.seen = Seen(self.reports.subscribe(), self.vehicle.subscribe(), self.detections.subscribe())
 
     def refresh(self, now_s: float) -> None:
         self.shown += 1
@@ -71,7 +72,7 @@ def attend(monkeypatch):
             running = asyncio.create_task(asyncio.sleep(runs_s))
             acting = asyncio.create_task(scenario(bench))
             try:
-                ended = await flying._attend(bench.plan, running, *bench.subscribed, bench)  # type: ignore[arg-type]
+                ended = await flying._attend(bench.plan, running, bench.seen, bench)  # type: ignore[arg-type]
                 return ended, CLOCK.now_s()
             finally:
                 running.cancel()
@@ -129,7 +130,7 @@ def test_phone_speaks_when_the_vehicle_is_ready_and_hears_the_end(attend):
         await asyncio.sleep(3.0)
         await mission(bench)
 
-    bench = Bench(order=OperatorAction.LAND, once=True)
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
     bench.answers_after_s = 12.0
     ended, _ = attend(bench, getting_ready)
     assert ended is Ended.OVER
@@ -139,7 +140,7 @@ def test_phone_speaks_when_the_vehicle_is_ready_and_hears_the_end(attend):
 
 
 def test_phone_that_was_refused_asks_again_until_the_mission_begins(attend):
-    bench = Bench(order=OperatorAction.LAND, once=True)
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
     attend(bench, mission)
     assert len(bench.asked_s) > 2
     assert (np.diff(bench.asked_s) > 1.0).all()
@@ -151,15 +152,43 @@ def test_flight_that_does_not_begin_is_an_error_with_what_the_phone_was_told(att
         bench.is_in(Phase.IDLE)
         bench.is_ready()
 
-    bench = Bench(order=OperatorAction.LAND, once=True)
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
     with pytest.raises(AlightError, match="no flight began within 60 s: refused: not ready"):
         attend(bench, waiting)
 
 
 def test_vehicle_that_never_gets_ready_is_an_error_that_says_so(attend):
-    bench = Bench(order=OperatorAction.LAND, once=True)
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
     with pytest.raises(AlightError, match="the vehicle did not become ready to arm"):
         attend(bench, lambda bench: asyncio.sleep(0))
+    assert bench.asked_s == []
+
+
+def px4_bench() -> Bench:
+    bench = Bench(orders=(Order(OperatorAction.LAND),), once=True)
+    world = SimpleNamespace(vehicle="px4", px4_truth_address="udpin:127.0.0.1:19410")
+    bench.plan.rig.config.simulator = world
+    return bench
+
+
+def test_px4_without_ground_truth_is_told_with_its_address_and_what_to_start(attend):
+    async def waiting(bench: Bench) -> None:
+        bench.is_in(Phase.IDLE)
+        bench.is_ready()
+
+    with pytest.raises(AlightError, match=r"udpin:127\.0\.0\.1:19410 within 20 s; start PX4 with PX4_SIM_MODEL=sihsim"):
+        attend(px4_bench(), waiting)
+
+
+def test_px4_that_flies_already_is_refused(attend):
+    async def flying_already(bench: Bench) -> None:
+        bench.is_in(Phase.IDLE)
+        zeros = np.zeros(3)
+        bench.vehicle.publish(VehicleState(0.0, zeros, zeros, np.array([1.0, 0, 0, 0]), armable=True, armed=True))
+
+    bench = px4_bench()
+    with pytest.raises(AlightError, match="PX4 is armed already; land and disarm it"):
+        attend(bench, flying_already)
     assert bench.asked_s == []
 
 
@@ -168,7 +197,7 @@ def test_phone_that_is_still_speaking_is_ended_with_the_application(attend):
         bench.is_in(Phase.IDLE)
         bench.is_ready()
 
-    bench = Bench(order=OperatorAction.LAND)
+    bench = Bench(orders=(Order(OperatorAction.LAND),))
     bench.answers_after_s = None
     attend(bench, ready, runs_s=5.0)
     assert bench.heard == ["cancelled"]

@@ -24,6 +24,8 @@ CROSSING = 'name = "bad"\nsize_cm = 38.0\nquiet_zone_cm = 46.0\n' + "".join(
         (["demo", "--seed", "-1"], "invalid value for '--seed'"),
         (["demo", "--seed", "one"], "invalid value for '--seed'"),
         (["run"], "missing option '--config'"),
+        (["run", "--config", "a.toml", "--seed", "3"], "option '--seed' wants '--scenario'"),
+        (["run", "--config", "a.toml", "--scenario", "static", "--seed", "-3"], "invalid value for '--seed'"),
         (["check"], "missing option '--config'"),
         (["phone"], "missing argument 'action'"),
         (["phone", "dance"], "'dance' is not one of"),
@@ -132,6 +134,37 @@ def test_address_that_another_program_holds_is_named(alight, rig):
     with socket.socket(type=socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 24711))
         assert "another program holds port 24711" in alight("run", "--config", rig()).error
+
+
+SYNTHETIC = f'driver = "synthetic"\nlens = "{LENS}"'
+
+
+def test_scenario_that_nobody_knows_is_refused_with_those_that_ship(alight, rig):
+    error = alight("run", "--config", rig(), "--scenario", "car-9").error
+    assert "no scenario is called 'car-9'" in error
+    assert all(path.stem in error for path in (CONFIGS / "scenarios").glob("*.toml"))
+
+
+@pytest.mark.parametrize("world", ["", 'vehicle = "built-in"'], ids=["default", "built-in"])
+def test_scenario_on_a_rig_that_is_no_px4_sitl_says_what_can_fly_it(alight, rig, world):
+    path = rig(camera=SYNTHETIC, simulator=world)
+    error = alight("run", "--config", path, "--scenario", "static").error
+    assert f'{path}: a scenario wants camera.driver = "synthetic" and simulator.vehicle = "px4"' in error
+    assert "give configs/sitl.toml" in error
+    assert "alight campaign --scenario static" in error
+
+
+def test_scenario_that_px4_cannot_fly_is_refused_before_anything_starts(alight, rig, tmp_path):
+    path = rig(camera=SYNTHETIC, simulator='vehicle = "px4"')
+    assert "the deck rides on waves" in alight("run", "--config", path, "--scenario", "boat").error
+    assert not (tmp_path / "flights").exists()
+
+
+def test_scenario_without_a_px4_says_where_it_was_looked_for_and_what_to_start(alight, rig, tmp_path):
+    path = rig(camera=SYNTHETIC, simulator='vehicle = "px4"\npx4_truth_address = "udpin:127.0.0.1:24714"')
+    done = alight("run", "--config", path, "--scenario", "static", "--out", tmp_path / "out")
+    assert done.code == 2
+    assert "udpin://127.0.0.1:24711: no autopilot's heartbeat within 0.5 s; start PX4" in done.err.splitlines()[-1]
 
 
 @pytest.mark.parametrize("address", ["udp:14540", "udpin://127.0.0.1", "serial:///dev/ttyNONE:57600"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
@@ -10,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import development as mavlink
 
 from app.config import AutopilotConfig
 from app.errors import AutopilotError
-from app.messages import AutopilotAction, FlightMode, LandedState, Setpoint, VehicleState
+from app.messages import AutopilotAction, FlightMode, LandedState, LandingTarget, Setpoint, VehicleState
 from app.ports import Autopilot
 from drivers.autopilot.px4_mavsdk import Px4Autopilot
 
@@ -178,6 +180,36 @@ async def test_autopilot_setpoint_that_is_not_finite_is_refused(link: Autopilot)
         await link.send_setpoint(setpoint(north=float("nan")))
 
 
+# ----------------------------------------------------------------------------------------------------- landing targets
+async def test_autopilot_landing_target_arrives_as_px4s_precision_landing_takes_it(
+    link: Autopilot, autopilot: Any
+) -> None:
+    before_s = time.time()
+    await link.send_landing_target(LandingTarget(time.monotonic() - 0.1, np.array([1.5, -2.25, 0.75]), 0.5))
+    message = await wait(autopilot.station.wait_for, "LANDING_TARGET")
+    assert (message.get_srcSystem(), message.get_srcComponent()) == (1, 191)
+    assert message.position_valid == 1
+    assert message.frame == mavlink.MAV_FRAME_LOCAL_NED
+    assert message.type == mavlink.LANDING_TARGET_TYPE_VISION_FIDUCIAL
+    np.testing.assert_allclose([message.x, message.y, message.z], [1.5, -2.25, 0.75])
+    np.testing.assert_allclose(message.q, [math.cos(0.25), 0.0, 0.0, math.sin(0.25)], atol=1e-6)
+    assert message.time_usec * 1e-6 == pytest.approx(before_s - 0.1, abs=0.1)
+    with pytest.raises(TimeoutError):
+        await wait(autopilot.station.wait_for, "LANDING_TARGET", timeout_s=0.5)
+
+
+async def test_autopilot_landing_target_that_is_old_never_leaves(link: Autopilot, autopilot: Any) -> None:
+    await link.send_landing_target(LandingTarget(time.monotonic() - 0.3, np.array([9.0, 0.0, 0.0]), 0.0))
+    await link.send_landing_target(LandingTarget(time.monotonic(), np.array([1.0, 0.0, 0.0]), 0.0))
+    assert (await wait(autopilot.station.wait_for, "LANDING_TARGET")).x == 1.0
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+async def test_autopilot_landing_target_that_is_not_finite_is_refused(link: Autopilot, bad: float) -> None:
+    with pytest.raises(ValueError, match="not finite"):
+        await link.send_landing_target(LandingTarget(time.monotonic(), np.array([0.0, bad, 0.0]), 0.0))
+
+
 # ------------------------------------------------------------------------------------------------------------- actions
 @pytest.mark.parametrize(
     ("action", "command", "params"),
@@ -188,6 +220,7 @@ async def test_autopilot_setpoint_that_is_not_finite_is_refused(link: Autopilot)
         (AutopilotAction.OFFBOARD, 176, (1.0, 6.0, 0.0)),
         (AutopilotAction.HOLD, 176, (1.0, 4.0, 3.0)),
         (AutopilotAction.LAND, 176, (1.0, 4.0, 6.0)),
+        (AutopilotAction.PRECLAND, 176, (1.0, 4.0, 9.0)),
         (AutopilotAction.RETURN, 176, (1.0, 4.0, 5.0)),
     ],
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.config import PadMotionConfig, WorldConfig
+from app.config import PadMotionConfig, RigConfig, WorldConfig, read_config
 from app.errors import AlightError, CameraError
 from drivers.camera import synthetic
 from drivers.camera.synthetic import SyntheticCamera
@@ -137,6 +137,20 @@ async def test_simulator_process_gives_frames_in_time_and_leaves_the_truth(rig: 
     assert lines[0]["seed"] == 9
     assert lines[-1]["kind"] == "end"
     assert lines[1]["pad_pos_ned_m"][2] == -1.6
+
+
+async def test_simulator_process_takes_another_camera_than_the_rigs(rig: Path, tmp_path: Path) -> None:
+    camera = read_config(rig, RigConfig).camera.model_copy(update={"frame_rate_hz": 8.0})
+    frames = tmp_path / "frames"
+    simulator = SimulatorProcess(rig, frames, world=WorldConfig(), camera=camera, companion="127.0.0.1:24599")
+    times = []
+    async with simulator, SyntheticCamera(str(frames)) as seen:
+        async for frame in seen.frames():
+            times.append((frame.sequence, frame.t_capture_s))
+            if len(times) == 5:
+                break
+    (first, first_s), (last, last_s) = times[0], times[-1]
+    assert (last - first) / (last_s - first_s) == pytest.approx(8.0, rel=0.02)
 
 
 async def test_simulator_process_with_a_wrong_file_tells_why(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator
 
 import pytest
 
@@ -13,10 +13,10 @@ from drivers.autopilot.setpoint_channel import SetpointChannel
 
 
 @pytest.fixture
-def channel() -> Iterator[SetpointChannel]:
+async def channel() -> AsyncIterator[SetpointChannel]:
     channel = SetpointChannel()
     yield channel
-    channel.close()
+    await channel.close()
 
 
 async def test_setpoint_fresh_is_put_once(channel: SetpointChannel) -> None:
@@ -56,3 +56,22 @@ async def test_setpoint_behind_one_that_blocks_is_dropped_and_the_caller_is_not_
 async def test_setpoint_that_the_link_refuses_is_no_error_and_not_counted_as_sent(channel: SetpointChannel) -> None:
     await channel.send(lambda: "CONNECTION_ERROR", time.monotonic())
     assert channel.sent == 0
+
+
+async def test_channel_closes_only_when_what_is_being_sent_has_left() -> None:
+    channel, leave, left = SetpointChannel(), threading.Event(), []
+
+    def put() -> str:
+        leave.wait(5.0)
+        left.append("a")
+        return ""
+
+    sending = asyncio.create_task(channel.send(put, time.monotonic()))
+    await asyncio.sleep(0.05)
+    closing = asyncio.create_task(channel.close())
+    await asyncio.sleep(0.05)
+    assert not closing.done()
+    leave.set()
+    await closing
+    assert left == ["a"]
+    await sending

@@ -28,12 +28,14 @@ GOAL_OF = {
     Phase.HOVER: GoalKind.HOVER,
     Phase.TRACK: GoalKind.TRACK,
     Phase.LAND: GoalKind.LAND,
+    Phase.PRECLAND: GoalKind.PRECLAND,
 }
 MODE_OF = {
     Phase.TAKEOFF: FlightMode.TAKEOFF,
     Phase.HOLD: FlightMode.HOLD,
     Phase.RETURN: FlightMode.RETURN,
     Phase.FALLBACK_LAND: FlightMode.LAND,
+    Phase.PRECLAND: FlightMode.PRECLAND,
 }
 
 
@@ -107,10 +109,10 @@ class Make:
             goal=Goal(GOAL_OF.get(phase, GoalKind.NONE), height_m, np.zeros(3), 7),
             command=cls.command(OperatorAction.LAND, number=1) if active else None,
             home_ned_m=None if phase in (Phase.IDLE, Phase.LANDED) else np.zeros(3),
-            offboard_seen=phase in GOAL_OF,
+            offboard_seen=phase in GOAL_OF and phase is not Phase.PRECLAND,
             takeoff_accepted=active,
             entry_mode=FlightMode.TAKEOFF if active else FlightMode.HOLD,
-            handed_over=phase in (Phase.HOLD, Phase.RETURN, Phase.FALLBACK_LAND),
+            handed_over=phase in (Phase.HOLD, Phase.RETURN, Phase.FALLBACK_LAND, Phase.PRECLAND),
         )
         return replace(state, **changes)
 
@@ -121,7 +123,7 @@ class Make:
             vehicle = cls.on_ground()
         else:
             vehicle = cls.vehicle(mode=MODE_OF.get(state.phase, FlightMode.OFFBOARD))
-        steering = state.phase in (Phase.HOVER, Phase.TRACK, Phase.LAND)
+        steering = state.phase in (Phase.HOVER, Phase.TRACK, Phase.LAND, Phase.PRECLAND)
         seen = MissionInputs(
             vehicle=vehicle,
             track=cls.track() if steering else None,

@@ -35,7 +35,7 @@ from app.mission.states import MissionInputs, MissionState, Transition
 A, P = AutopilotAction, Phase
 SILENT = {P.IDLE, P.LANDED, P.TAKEOFF, P.HOLD, P.RETURN, P.FALLBACK_LAND}
 STEERING = {P.SEARCH, P.HOVER, P.TRACK, P.LAND}
-ACTIVE = STEERING | {P.TAKEOFF}
+ACTIVE = STEERING | {P.TAKEOFF, P.PRECLAND}
 ASKED_IN = {
     A.ARM: {P.TAKEOFF},
     A.TAKEOFF: {P.TAKEOFF},
@@ -43,6 +43,7 @@ ASKED_IN = {
     A.HOLD: {P.HOLD, P.TAKEOFF},
     A.RETURN: {P.RETURN},
     A.LAND: {P.FALLBACK_LAND},
+    A.PRECLAND: {P.PRECLAND},
     A.DISARM: {P.LAND, P.IDLE},
     A.FORCE_DISARM: {P.LAND},
 }
@@ -87,6 +88,8 @@ STEP = st.fixed_dictionaries(
         "may_force": st.booleans(),
         "dt_s": st.sampled_from([0.05, 0.05, 0.2, 1.0, 3.0]),
         "vehicle": st.sampled_from([True] * 15 + [False]),
+        "px4_lands": st.booleans(),
+        "pad_m_s": st.sampled_from([3.0, 0.0, 0.0]),
         "repeat": st.sampled_from([1, 1, 2, 5]),
     }
 )
@@ -107,7 +110,14 @@ def inputs_of(
         local_position_ok=True,
     )
     track = PadTrack(
-        last_fix_s, np.zeros(3), np.array([3.0, 0.0, 0.0]), np.eye(6) * 0.01, 0.0, 0.0, last_fix_s, fixes_accepted=20
+        last_fix_s,
+        np.zeros(3),
+        np.array([drawn["pad_m_s"], 0.0, 0.0]),
+        np.eye(6) * 0.01,
+        0.0,
+        0.0,
+        last_fix_s,
+        fixes_accepted=20,
     )
     word = drawn["word"]
     guidance = None if word is None else GuidanceStatus(now_s, state.goal.number + drawn["of_goal"], **word)
@@ -123,6 +133,7 @@ def inputs_of(
         command=None if order is None else OperatorCommand(now_s, order[0], order[1], (255, 190), number),
         results=(ActionResult(pending, bool(drawn["result"])),) if answered and pending is not None else (),
         may_force_disarm=drawn["may_force"],
+        px4_lands=drawn["px4_lands"],
     )
 
 
@@ -150,6 +161,11 @@ def is_pilots(before: MissionState, seen: MissionInputs) -> bool:
     vehicle = seen.vehicle
     ours = {FlightMode.OFFBOARD, FlightMode.UNKNOWN}
     steering = before.phase in STEERING and before.offboard_seen
+    if before.phase is P.PRECLAND and before.handed_over:
+        if vehicle is not None and vehicle.landed is LandedState.ON_GROUND and before.committed_since_s is not None:
+            ours = {FlightMode.OFFBOARD, FlightMode.PRECLAND, FlightMode.UNKNOWN}
+            return vehicle.armed and vehicle.mode not in ours
+        return vehicle is not None and vehicle.armed and vehicle.mode not in {FlightMode.PRECLAND, FlightMode.UNKNOWN}
     return steering and vehicle is not None and vehicle.armed and vehicle.mode not in ours
 
 
@@ -167,7 +183,7 @@ def check(before: MissionState, seen: MissionInputs, result: Transition) -> None
     if is_pilots(before, seen):
         assert (after.phase, after.goal.kind, action) == (P.IDLE, GoalKind.NONE, None)
     if seen.vehicle is not None and not seen.vehicle.armed:
-        assert after.phase not in STEERING
+        assert after.phase not in STEERING | {P.PRECLAND}
     if seen.vehicle is None:
         assert action is None
     assert after.goal.number >= before.goal.number
@@ -199,11 +215,13 @@ def test_any_sequence_of_inputs_keeps_every_invariant(script: list[dict[str, Any
 # ------------------------------------------------------------------------------------------------- a toy of a vehicle
 class Toy:
     """A vehicle, a pad, a controller and a link, as simple as can be, and a fate that throws a spanner in now and then.
+    The pad stands still where PX4 is to land by itself, and drives where it isn't.
 
     Actions take 10 ms to 1 s, some are refused. Mode and arming show 0.1 to 1 s late, as on the real link.
     """
 
-    def __init__(self, seed: int, trouble: float) -> None:
+    def __init__(self, seed: int, trouble: float, *, px4_lands: bool = False) -> None:
+        self.px4_lands = px4_lands
         self.rng = random.Random(seed)
         self.trouble = trouble
         self.now_s = 100.0
@@ -245,14 +263,13 @@ class Toy:
             self.mode = FlightMode.HOLD  # nobody sends setpoints: PX4's failsafe
         if self.armed and self.happens(0.01):
             self.mode = self.rng.choice([FlightMode.POSITION, FlightMode.MANUAL, FlightMode.LAND])
-        target_m = {FlightMode.TAKEOFF: 4.0, FlightMode.LAND: 0.0, FlightMode.OFFBOARD: state.goal.height_m}.get(
-            self.mode
-        )
+        down = {FlightMode.LAND: 0.0, FlightMode.PRECLAND: 0.0}
+        target_m = {**down, FlightMode.TAKEOFF: 4.0, FlightMode.OFFBOARD: state.goal.height_m}.get(self.mode)
         if self.armed and target_m is not None:
             self.height_m += max(-0.8 * DT_S, min(1.0 * DT_S, target_m - self.height_m))
         if self.mode is FlightMode.TAKEOFF and self.height_m >= 3.99:
             self.mode = FlightMode.HOLD
-        if self.mode is FlightMode.LAND and self.height_m <= 0.0:
+        if self.mode in down and self.height_m <= 0.0:
             self.armed = False
         if self.shown[-1][1:] != (self.armed, self.mode):
             lag_s = self.rng.uniform(0.1, 1.0)
@@ -279,7 +296,7 @@ class Toy:
                 "horizontal_error_m": 0.1 if for_s > 2.0 else 1.0,
                 "height_above_pad_m": self.height_m,
                 "relative_speed_m_s": 0.1,
-                "committed": state.phase is P.LAND and self.height_m < 0.45,
+                "committed": state.phase in (P.LAND, P.PRECLAND) and self.height_m < 0.45,
                 "contact": contact,
                 "search_finished": state.goal.kind is GoalKind.SEARCH and for_s > 60.0,
                 "climbed": self.height_m > 3.7,
@@ -290,6 +307,8 @@ class Toy:
             "result": None,
             "may_force": contact and self.rng.random() < 0.1,
             "vehicle": True,
+            "px4_lands": self.px4_lands,
+            "pad_m_s": 0.0 if self.px4_lands else 3.0,
         }
         seen = inputs_of(state, drawn, self.now_s, self.last_fix_s, 0)
         return replace(seen, command=command, results=results)
@@ -317,9 +336,10 @@ def walk(toy: Toy, seconds: float, commands_a_second: float) -> tuple[Ledger, se
     return ledger, visited, state
 
 
+@pytest.mark.parametrize("px4_lands", [False, True], ids=["velocity", "px4-precland"])
 @pytest.mark.parametrize("seed", range(5))
-def test_toy_flight_with_trouble_keeps_every_invariant_and_answers_every_command(seed: int):
-    toy = Toy(seed, trouble=1.0)
+def test_toy_flight_with_trouble_keeps_every_invariant_and_answers_every_command(seed: int, px4_lands: bool):
+    toy = Toy(seed, trouble=1.0, px4_lands=px4_lands)
     ledger, _, state = walk(toy, seconds=300.0, commands_a_second=0.05)
     assert len(ledger.given) >= 5
     assert state.command is None and all(ledger.finals[number] == 1 for number in ledger.given)
@@ -327,13 +347,17 @@ def test_toy_flight_with_trouble_keeps_every_invariant_and_answers_every_command
 
 
 def test_toy_flights_with_trouble_reach_every_phase():
-    visited = set().union(*(walk(Toy(seed, trouble=1.0), 200.0, 0.05)[1] for seed in range(20, 26)))
+    toys = [Toy(seed, trouble=1.0, px4_lands=seed % 2 == 0) for seed in range(20, 28)]
+    visited = set().union(*(walk(toy, 200.0, 0.05)[1] for toy in toys))
     assert visited == set(Phase)
 
 
+@pytest.mark.parametrize(
+    ("px4_lands", "landing"), [(False, P.LAND), (True, P.PRECLAND)], ids=["velocity", "px4-precland"]
+)
 @pytest.mark.parametrize("seed", range(3))
-def test_toy_flight_without_trouble_lands_on_the_first_command(seed: int):
-    toy, state, told = Toy(seed, trouble=0.0), MissionState(), []
+def test_toy_flight_without_trouble_lands_on_the_first_command(seed: int, px4_lands: bool, landing: Phase):
+    toy, state, told = Toy(seed, trouble=0.0, px4_lands=px4_lands), MissionState(), []
     command: OperatorCommand | None = OperatorCommand(toy.now_s, OperatorAction.LAND, None, (255, 190), 1)
     phases = [state.phase]
     while toy.now_s < 400.0 and state.phase is not P.LANDED:
@@ -343,5 +367,5 @@ def test_toy_flight_without_trouble_lands_on_the_first_command(seed: int):
         phases += [state.phase] if state.phase is not phases[-1] else []
         if result.action is not None:
             toy.request(result.action)
-    assert phases == [P.IDLE, P.TAKEOFF, P.SEARCH, P.HOVER, P.TRACK, P.LAND, P.LANDED]
+    assert phases == [P.IDLE, P.TAKEOFF, P.SEARCH, P.HOVER, P.TRACK, landing, P.LANDED]
     assert told == [CommandResult.IN_PROGRESS] * 5 + [CommandResult.ACCEPTED]

@@ -26,7 +26,7 @@ C, Op, P = CommandResult, OperatorAction, Phase
 BEGIN = (Op.LAND, Op.TRACK, Op.SEARCH)
 GROUNDED = (P.IDLE, P.LANDED)
 STEERING = (P.SEARCH, P.HOVER, P.TRACK, P.LAND)
-ACTIVE = (P.TAKEOFF, *STEERING)
+ACTIVE = (P.TAKEOFF, *STEERING, P.PRECLAND)
 HANDED_OVER = (P.HOLD, P.RETURN, P.FALLBACK_LAND)
 NEW, OLD = 2, 1
 
@@ -44,6 +44,8 @@ COMMANDS: list[tuple[Phase, OperatorAction, Phase, list[tuple[int, CommandResult
     (P.LAND, Op.LAND, P.LAND, CHANGED),
     (P.LAND, Op.TRACK, P.TRACK, CHANGED),
     (P.LAND, Op.SEARCH, P.HOVER, CHANGED),
+    (P.PRECLAND, Op.LAND, P.PRECLAND, CHANGED),
+    *((P.PRECLAND, action, P.SEARCH, CHANGED) for action in (Op.TRACK, Op.SEARCH)),
     *((phase, Op.HOLD, P.HOLD, ENDED) for phase in ACTIVE),
     *((phase, Op.ABORT, P.RETURN, ENDED) for phase in ACTIVE),
     *((phase, action, P.SEARCH, STARTED) for phase in HANDED_OVER for action in BEGIN),

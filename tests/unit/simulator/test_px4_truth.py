@@ -171,6 +171,20 @@ def test_px4_truth_logs_a_touchdown_beside_a_moving_pad(tmp_path: Path, monkeypa
     assert [line["kind"] for line in lines].count("rest") == 1
 
 
+@pytest.mark.parametrize(("at_m", "drives"), [(0.0, False), (4.0, True)], ids=["far", "near"])
+def test_px4_truth_pad_that_waits_for_the_vehicle_drives_off_once_it_is_near(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_m: float, drives: bool
+) -> None:
+    motion = {"north_m": 5.0, "east_m": 0.0, "speed_m_s": 1.0, "start_near_m": 1.5, "start_after_s": 0.5}
+    px4 = Px4(tmp_path, monkeypatch, **motion)
+    for _ in range(40):
+        px4.send(0.0, 0.0)
+    for k in range(300):
+        px4.send(min(at_m, 0.04 * k), 2.0, 4.0 if 0.04 * k < at_m else 0.0)
+    assert (px4.exposed[-1][1].pad.north_m > 5.0) is drives
+    px4.close()
+
+
 @pytest.mark.parametrize("address", ["udpout:127.0.0.1:19410", "nonsense", "udpin:127.0.0.1"])
 def test_px4_truth_address_that_is_none_is_refused(address: str) -> None:
     with pytest.raises(AutopilotError, match="can't be listened on"):

@@ -20,6 +20,7 @@ from app.messages import (
     ExposureLimits,
     Frame,
     LandedState,
+    LandingTarget,
     OperatorCommand,
     OperatorText,
     PadTrack,
@@ -59,6 +60,7 @@ class FakeAutopilot(FakePort):
         super().__init__()
         self.state = vehicle() if state is None else state
         self.setpoints: list[tuple[float, Setpoint]] = []
+        self.targets: list[tuple[float, LandingTarget]] = []
         self.actions: list[tuple[float, AutopilotAction]] = []
         self.refuses: set[AutopilotAction] = set()
         self.takes_s = 0.02
@@ -74,6 +76,9 @@ class FakeAutopilot(FakePort):
         self.setpoints.append((CLOCK.now_s(), setpoint))
         if self.send_takes_s:
             await asyncio.sleep(self.send_takes_s)
+
+    async def send_landing_target(self, target: LandingTarget) -> None:
+        self.targets.append((CLOCK.now_s(), target))
 
     async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
         self.actions.append((CLOCK.now_s(), action))

@@ -12,8 +12,9 @@ import pytest
 from app.channels import Topic
 from app.clock import run_virtual
 from app.config import EstimationConfig, GuidanceConfig, SafetyConfig
+from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
-from app.messages import ControlTurn, Goal, GoalKind, GoalOrder, GuidanceStatus, PadTrack, VehicleState
+from app.messages import ControlTurn, FlightMode, Goal, GoalKind, GoalOrder, GuidanceStatus, PadTrack, VehicleState
 from app.tasks.control import run_control
 
 SAFETY = SafetyConfig(setpoint_gap_max_s=0.3, vehicle_state_stale_s=0.5, track_stale_s=0.5)
@@ -40,6 +41,7 @@ class Bench:
             statuses=self.statuses,
             turns=self.turns,
             controller=VelocityController(GuidanceConfig(), SAFETY),
+            precland=PrecisionLanding(GuidanceConfig(), SAFETY),
             autopilot=self.autopilot,
             safety=SAFETY,
             estimation=EstimationConfig(fixes_before_confident=5),
@@ -177,3 +179,44 @@ def test_control_tells_the_latency_of_each_fix_once(fakes: Any):
     turns = fly(fakes, scenario).seen_turns.drain()
     told = [turn.fix_latency_s for turn in turns if turn.fix_latency_s is not None]
     assert len(told) == 1 and 0.05 <= told[0] <= 0.071
+
+
+PRECLAND = Goal(GoalKind.PRECLAND, 2.0, number=3)
+
+
+def test_control_tells_px4_the_pad_twenty_times_a_second_while_px4_lands(fakes: Any):
+    async def scenario(bench: Bench) -> None:
+        bench.state = fakes.vehicle(mode=FlightMode.PRECLAND)
+        await bench.fly(2.0, PRECLAND, pad=fakes.track(10.0, 1.0))
+
+    bench = fly(fakes, scenario)
+    times = np.array([t_s for t_s, _ in bench.autopilot.targets])
+    assert 38 <= len(times) <= 41
+    assert np.diff(times).max() <= 0.06 + 1e-9
+    np.testing.assert_allclose([target.pos_ned_m[0] for _, target in bench.autopilot.targets], 1.0, atol=1e-9)
+    assert bench.autopilot.setpoints == []
+
+
+def test_control_flies_on_until_px4_has_taken_the_landing_over(fakes: Any):
+    async def scenario(bench: Bench) -> None:
+        pad = fakes.track(10.0, 1.0)
+        bench.state = fakes.vehicle(mode=FlightMode.OFFBOARD)
+        await bench.fly(1.0, PRECLAND, pad=pad)
+        bench.state = fakes.vehicle(mode=FlightMode.PRECLAND)
+        await bench.fly(0.5, PRECLAND, pad=pad)
+        bench.state = fakes.vehicle(mode=FlightMode.OFFBOARD)  # as PX4 disarms, it goes back to this
+        await bench.fly(0.5, PRECLAND, pad=pad)
+
+    bench = fly(fakes, scenario)
+    assert bench.sent_s().max() == pytest.approx(11.0, abs=0.03)
+    np.testing.assert_allclose(np.diff(bench.sent_s()), 0.02, atol=1e-9)
+    assert max(t_s for t_s, _ in bench.autopilot.targets) > 11.9
+
+
+@pytest.mark.parametrize("stops", [{"orders_s": 11.0}, {"states_s": 11.0}], ids=["mission hangs", "vehicle unknown"])
+def test_control_tells_px4_nothing_once_orders_or_states_are_old(fakes: Any, stops: dict[str, float]):
+    async def scenario(bench: Bench) -> None:
+        bench.state = fakes.vehicle(mode=FlightMode.PRECLAND)
+        await bench.fly(3.0, PRECLAND, pad=fakes.track(10.0, 1.0), **stops)
+
+    assert 10.9 <= max(t_s for t_s, _ in fly(fakes, scenario).autopilot.targets) <= 11.55

@@ -1,0 +1,45 @@
+"""When an approach has failed, and what is done then: climb, and search again. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.config import MissionConfig
+from app.messages import FlightMode, GoalKind, Phase, Severity
+from app.mission.states import MissionInputs, MissionState, Reason, Transition
+from app.mission.transitions import fail, go, numbered
+
+LOST_AFTER_S = 2.0
+"""Guidance closes in no more after half a second and coasts along; a pad unseen for so long is searched for anew."""
+ANCHOR_AHEAD_MAX_S = 4.0
+"""A pad that was last seen longer ago is not expected where its last velocity would have taken it."""
+
+
+def lost(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    """Go round if the pad was not seen for LOST_AFTER_S; else None."""
+    track = inputs.track
+    if track is not None and now_s - track.t_last_fix_s <= LOST_AFTER_S:
+        return None
+    return go_round(state, inputs, Reason.PAD_LOST, now_s, config)
+
+
+def go_round(
+    state: MissionState, inputs: MissionInputs, reason: Reason, now_s: float, config: MissionConfig
+) -> Transition:
+    """Climb to the search height over where the pad is expected, and search again; a limited number of times."""
+    if state.tries + 1 >= config.landing_tries:
+        return fail(state, Reason.TRIES_USED_UP, now_s, config, f"{Reason.TRIES_USED_UP.value}: {reason.value}")
+    vehicle, track = inputs.vehicle, inputs.track
+    anchor = np.zeros(3) if vehicle is None else np.array(vehicle.pos_ned_m)
+    if track is not None:
+        anchor = np.array(track.at(min(now_s, track.t_capture_s + ANCHOR_AHEAD_MAX_S)).pos_ned_m)
+    if state.home_ned_m is not None and track is None:
+        anchor[2] = state.home_ned_m[2]
+    goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor)
+    climb = go(state, Phase.SEARCH, reason, now_s, goal=goal, severity=Severity.WARNING, tries=state.tries + 1)
+    if state.phase is not Phase.PRECLAND:
+        return climb
+    mode = FlightMode.PRECLAND if state.handed_over else FlightMode.OFFBOARD  # PX4 flies: offboard comes first
+    return replace(climb, state=replace(climb.state, offboard_seen=False, entry_mode=mode))

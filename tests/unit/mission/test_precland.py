@@ -1,0 +1,200 @@
+"""PX4's own precision landing: when it is begun and refused, how it is handed over, and what ends it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.messages import (
+    ActionResult,
+    AutopilotAction,
+    CommandResult,
+    FlightMode,
+    GoalKind,
+    Hazard,
+    LandedState,
+    OperatorAction,
+    Phase,
+    Verdict,
+)
+from app.mission.machine import step
+from app.mission.precland import speed_if_moving_m_s
+from app.mission.states import Reason
+
+A, P = AutopilotAction, Phase
+STEADY = {"since_s": 90.0, "steady_since_s": 95.0}
+"""Of a TRACK that has been settled for long enough."""
+
+
+def landing(make: Any, **changes: Any) -> Any:
+    """PX4 flies its precision landing."""
+    return make.state(P.PRECLAND, **{"handed_over": True, **changes})
+
+
+def seen(make: Any, state: Any, mode: FlightMode = FlightMode.PRECLAND, **changes: Any) -> Any:
+    return make.inputs(state, **{"vehicle": make.vehicle(mode=mode), "px4_lands": True, **changes})
+
+
+@pytest.mark.parametrize(("px4_lands", "after"), [(False, P.LAND), (True, P.PRECLAND)])
+def test_steady_track_leads_to_the_landing_of_the_configured_method(make: Any, px4_lands, after):
+    state = make.state(P.TRACK, **STEADY)
+    result = step(state, make.inputs(state, px4_lands=px4_lands), 100.0, make.config)
+    assert result.state.phase is after
+    assert result.state.goal.kind.value == after.value
+
+
+def test_precland_stays_at_its_height_until_px4_flies(make: Any):
+    state = make.state(P.TRACK, **STEADY)
+    word = make.settled(state, height_above_pad_m=2.3)
+    result = step(state, make.inputs(state, px4_lands=True, guidance=word), 100.0, make.config)
+    assert (result.state.goal.kind, result.state.goal.height_m) == (GoalKind.PRECLAND, 2.3)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "sigma_m_s", "moves"),
+    [(0.0, 0.1, False), (0.29, 0.0, False), (0.31, 0.0, True), (0.49, 0.1, False), (0.51, 0.1, True), (3.7, 0.3, True)],
+)
+def test_pad_moves_when_its_speed_stands_out_of_its_error(make: Any, speed_m_s, sigma_m_s, moves):
+    track = make.track(
+        vel_ned_m_s=np.array([0.6 * speed_m_s, 0.8 * speed_m_s, 0.0]), covariance=np.eye(6) * sigma_m_s**2
+    )
+    found = speed_if_moving_m_s(track)
+    assert (found is not None) is moves
+    assert found is None or found == pytest.approx(speed_m_s)
+
+
+@pytest.mark.parametrize("phase", [P.TRACK, P.PRECLAND])
+def test_pad_that_moves_is_refused_in_words_with_its_speed(make: Any, phase):
+    state = make.state(P.TRACK, **STEADY) if phase is P.TRACK else landing(make)
+    track = make.track(vel_ned_m_s=np.array([1.2, 0.0, 0.0]), covariance=np.eye(6) * 1e-4)
+    result = step(state, seen(make, state, state_mode(phase), track=track), 100.0, make.config)
+    assert (result.state.phase, result.reason) == (P.HOLD, Reason.PAD_MOVES)
+    assert result.texts[0].text == "hold: pad moves at 1.2 m/s, PX4 can't follow it"
+    assert [answer.result for answer in result.answers] == [CommandResult.FAILED]
+
+
+def state_mode(phase: Phase) -> FlightMode:
+    return FlightMode.PRECLAND if phase is P.PRECLAND else FlightMode.OFFBOARD
+
+
+@pytest.mark.parametrize(("now_s", "asked"), [(95.4, None), (95.6, A.PRECLAND)])
+def test_px4_is_asked_once_it_has_heard_of_the_target_for_half_a_second(make: Any, now_s, asked):
+    state = landing(make, handed_over=False)
+    assert step(state, seen(make, state, FlightMode.OFFBOARD), now_s, make.config).action is asked
+
+
+def test_px4_has_taken_over_when_it_accepted_and_shows_the_mode(make: Any):
+    state = landing(make, handed_over=False, pending=A.PRECLAND, asked=A.PRECLAND, asked_s=99.0)
+    result = step(state, seen(make, state, results=(ActionResult(A.PRECLAND, True),)), 100.0, make.config)
+    assert result.state.handed_over
+    assert result.state.phase is P.PRECLAND
+
+
+def test_px4_that_refuses_three_times_leaves_the_vehicle_in_the_failure_action(make: Any):
+    state = landing(make, handed_over=False, asked=A.PRECLAND, asked_s=98.0, refusals=3)
+    result = step(state, seen(make, state, FlightMode.OFFBOARD), 100.0, make.config)
+    assert (result.state.phase, result.reason) == (P.HOLD, Reason.REFUSED_BY_AUTOPILOT)
+    assert "PX4 refused its precision landing" in result.texts[0].text
+
+
+@pytest.mark.parametrize("mode", [FlightMode.POSITION, FlightMode.HOLD, FlightMode.LAND, FlightMode.RETURN])
+@pytest.mark.parametrize("committed", [False, True])
+def test_pilot_takes_over_from_px4s_precision_landing(make: Any, mode, committed):
+    state = landing(make)
+    word = make.settled(state, committed=committed)
+    result = step(state, seen(make, state, mode, guidance=word), 100.0, make.config)
+    assert (result.state.phase, result.reason, result.action) == (P.IDLE, Reason.PILOT_TOOK_OVER, None)
+    assert result.state.goal.kind is GoalKind.NONE
+
+
+@pytest.mark.parametrize(("order", "after"), [(OperatorAction.HOLD, P.HOLD), (OperatorAction.ABORT, P.RETURN)])
+def test_hold_and_abort_end_px4s_precision_landing(make: Any, order, after):
+    state = landing(make)
+    result = step(state, seen(make, state, command=make.command(order)), 100.0, make.config)
+    assert result.state.phase is after
+    following = step(result.state, seen(make, result.state), 100.05, make.config)
+    assert following.action is {P.HOLD: A.HOLD, P.RETURN: A.RETURN}[after]
+
+
+@pytest.mark.parametrize(
+    ("hazard", "committed", "after"),
+    [
+        (Hazard.BATTERY_LOW, False, P.FALLBACK_LAND),
+        (Hazard.FRAMES_STALE, False, P.HOLD),
+        (Hazard.FRAMES_STALE, True, P.PRECLAND),
+        (Hazard.LINK_LOST, True, P.IDLE),
+    ],
+)
+def test_safety_stays_in_force_until_the_commit(make: Any, hazard, committed, after):
+    state = landing(make)
+    word = make.settled(state, committed=committed)
+    result = step(state, seen(make, state, guidance=word, verdict=Verdict(hazard, "words")), 100.0, make.config)
+    assert result.state.phase is after
+
+
+@pytest.mark.parametrize("order", [OperatorAction.TRACK, OperatorAction.SEARCH])
+def test_other_aim_takes_the_vehicle_back_through_offboard(make: Any, order):
+    state = landing(make)
+    result = step(state, seen(make, state, command=make.command(order)), 100.0, make.config)
+    assert result.state.phase is P.SEARCH
+    assert not result.state.offboard_seen
+    # PX4 still shows its own mode: that is no pilot, and offboard is asked for.
+    following = step(result.state, seen(make, result.state), 100.6, make.config)
+    assert following.action is A.OFFBOARD
+
+
+def test_pad_that_is_lost_above_the_commit_is_searched_for_through_offboard(make: Any):
+    state = landing(make)
+    result = step(state, seen(make, state, track=make.track(t_last_fix_s=97.9)), 100.0, make.config)
+    assert (result.state.phase, result.reason, result.state.tries) == (P.SEARCH, Reason.PAD_LOST, 1)
+    assert result.state.goal.kind is GoalKind.CLIMB
+    following = step(result.state, seen(make, result.state), 100.6, make.config)
+    assert following.action is A.OFFBOARD
+
+
+def test_landing_that_takes_too_long_goes_round(make: Any):
+    state = landing(make, since_s=100.0 - make.config.land_timeout_s - 0.1)
+    assert step(state, seen(make, state), 100.0, make.config).reason is Reason.TIMED_OUT
+
+
+@pytest.mark.parametrize(
+    ("committed", "after", "told"), [(True, P.LANDED, CommandResult.ACCEPTED), (False, P.IDLE, CommandResult.FAILED)]
+)
+def test_disarming_by_px4_is_a_landing_only_on_the_pad(make: Any, committed, after, told):
+    state = landing(make)
+    word = make.settled(state, committed=committed)
+    vehicle = make.on_ground(mode=FlightMode.PRECLAND)
+    result = step(state, seen(make, state, vehicle=vehicle, guidance=word), 100.0, make.config)
+    assert result.state.phase is after
+    assert [answer.result for answer in result.answers] == [told]
+
+
+@pytest.mark.parametrize(
+    ("landed", "committed", "mode", "after"),
+    [
+        (LandedState.ON_GROUND, True, FlightMode.OFFBOARD, P.PRECLAND),
+        (LandedState.ON_GROUND, True, FlightMode.POSITION, P.IDLE),
+        (LandedState.ON_GROUND, False, FlightMode.OFFBOARD, P.IDLE),
+        (LandedState.IN_AIR, True, FlightMode.OFFBOARD, P.IDLE),
+    ],
+)
+def test_mode_that_px4_goes_back_to_as_it_disarms_on_the_pad_is_no_pilot(make: Any, landed, committed, mode, after):
+    state = landing(make, committed_since_s=98.0 if committed else None)
+    word = make.settled(state, committed=committed, contact=True)
+    vehicle = make.vehicle(mode=mode, landed=landed)
+    result = step(state, seen(make, state, vehicle=vehicle, guidance=word), 100.0, make.config)
+    assert (result.state.phase, result.action) == (after, None)
+
+
+def test_landing_that_is_committed_and_never_disarmed_is_left_to_px4s_plain_landing(make: Any):
+    state = landing(make, committed_since_s=69.0)
+    word = make.settled(state, committed=True)
+    assert step(state, seen(make, state, guidance=word), 100.0, make.config).state.phase is P.FALLBACK_LAND
+
+
+def test_commit_that_is_taken_back_counts_from_anew(make: Any):
+    state = landing(make, committed_since_s=79.0)
+    assert step(state, seen(make, state), 100.0, make.config).state == replace(state, committed_since_s=None)
