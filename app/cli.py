@@ -102,16 +102,27 @@ def run(
 
 @cli.command(short_help="Command Alight as a phone does.")
 def phone(
+    context: typer.Context,
     action: Annotated[PhoneAction, typer.Argument(help="What to ask for.")],
     height: Annotated[float | None, typer.Option(min=0.5, max=50, help="Height over the pad to track at, m.")] = None,
     address: Annotated[str, typer.Option(help="The rig's operator address.")] = "udpin://127.0.0.1:14590",
+    pad_speed: Annotated[
+        float | None, typer.Option(min=0.1, max=90, help="The pad drives so fast, km/h: it is searched for on its way.")
+    ] = None,
+    pad_heading: Annotated[
+        float | None, typer.Option(min=-360, max=360, help="Which way it drives, degrees clockwise from north.")
+    ] = None,
     silence: Annotated[float, typer.Option(min=0.5, max=600, help="Longest silence to wait through, s.")] = 5.0,
 ) -> None:
     """Command Alight as a phone does: COMMAND_LONG 31010 from a ground station of its own."""
-    from app.wiring import PhoneProgress, PhoneResult, PhoneText, tell
+    from app.wiring import PhoneProgress, PhoneResult, PhoneText, Wanted, tell
 
+    if (pad_speed is None) != (pad_heading is None):
+        context.fail("Options '--pad-speed' and '--pad-heading' want each other.")
+    speed_m_s = None if pad_speed is None else pad_speed / 3.6
+    wanted = Wanted(OperatorAction[action.name], height, speed_m_s, pad_heading)
     result: CommandResult | None = None
-    for event in tell(address, OperatorAction[action.name], height, silence):
+    for event in tell(address, wanted, silence):
         match event:
             case PhoneProgress(percent):
                 typer.echo(f"in progress: {percent}%")

@@ -463,6 +463,8 @@ class OperatorCommand:
         height_m: Height above the pad to track at (parameter 2); None takes the configured one.
         sender: (system id, component id) of the phone, whom the answer goes to.
         number: Counts up with each new command of this link; names the command in answers.
+        pad_drives_ne_m_s: (2,) velocity of a pad that is said to drive (parameters 3 and 4: m/s, degrees clockwise from
+            north): it is searched for along its way. None: nothing is said.
     """
 
     t_s: float
@@ -470,6 +472,7 @@ class OperatorCommand:
     height_m: float | None
     sender: tuple[int, int]
     number: int
+    pad_drives_ne_m_s: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -556,6 +559,8 @@ class Goal:
         kind: What to do.
         height_m: Height above the pad (HOVER, TRACK, PRECLAND) or above the anchor (SEARCH, CLIMB).
         anchor_ned_m: (3,) centre of the search, on the ground.
+        drift_ne_m_s: (2,) velocity at which that centre moves on, from when the goal is taken up: that of a pad which
+            drives.
         number: Counts up with each new goal: a changed number restarts search pattern and descent.
     """
 
@@ -563,6 +568,7 @@ class Goal:
     height_m: float = 0.0
     anchor_ned_m: Array = field(default_factory=lambda: np.zeros(3))
     number: int = 0
+    drift_ne_m_s: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -581,6 +587,7 @@ class GuidanceStatus:
         contact_held_s: For how long it has.
         search_finished: The whole search pattern has been flown.
         climbed: The height of a CLIMB goal has been reached.
+        pad_too_fast_m_s: Speed of a pad that drives away faster than the vehicle may fly; None while it can follow.
     """
 
     t_s: float
@@ -594,6 +601,7 @@ class GuidanceStatus:
     contact_held_s: float = 0.0
     search_finished: bool = False
     climbed: bool = False
+    pad_too_fast_m_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

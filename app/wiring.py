@@ -16,7 +16,6 @@ from app.estimation.fix import FixMaker, Method, pose_estimator
 from app.estimation.height_table import HeightTable, read_height_table
 from app.estimation.mount import body_from_cam
 from app.landmark import Landmark, paper_landmark
-from app.messages import OperatorAction
 from app.ports import Autopilot, Camera, OperatorLink
 from app.review.inspect import InspectedFrame, inspect
 from app.runtime import Application, Parts
@@ -31,7 +30,7 @@ from drivers.camera.picamera import PiCamera
 from drivers.camera.synthetic import SyntheticCamera
 from drivers.mavsdk_session import check_address
 from drivers.operator.mavlink import MavlinkOperator
-from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, send_command
+from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, Wanted, send_command
 from drivers.recorder.mcap import McapRecorder
 from drivers.simulator.launcher import SimulatorProcess
 
@@ -43,6 +42,7 @@ __all__ = [
     "PhoneText",
     "Rig",
     "SimulatorProcess",
+    "Wanted",
     "build_application",
     "build_simulator",
     "check_operator",
@@ -253,13 +253,13 @@ def build_simulator(rig: Rig, *, frames: Path, truth: Path | None) -> SimulatorP
     return SimulatorProcess(rig.path, frames, truth, world=config.simulator, camera=config.camera, companion=companion)
 
 
-def tell(address: str, action: OperatorAction, height_m: float | None, silence_s: float) -> Iterator[PhoneEvent]:
+def tell(address: str, wanted: Wanted, silence_s: float) -> Iterator[PhoneEvent]:
     """Give an order as the phone, and what comes back; silence_s is the longest silence to wait through.
 
     Raises:
         OperatorError: Nobody answers.
     """
-    return send_command(address, action, height_m, timeout_s=silence_s)
+    return send_command(address, wanted, timeout_s=silence_s)
 
 
 def inspect_files(

@@ -33,6 +33,9 @@ YAW_DEADBAND_RAD = math.radians(2.0)
 PRESS_LEAN_MAX_RAD = math.radians(20.0)
 FEET_M = 0.1
 """The vehicle's centre over its feet, about."""
+REACH_MARGIN_M_S = 0.3
+"""A pad must be slower than the vehicle's own limit by this, or what is missing is never made up."""
+TOO_FAST_FOR_S = 1.0
 GAP_MAX_S = 0.5
 """After a silence this long PX4 may have flown on its own: the next command starts from what the vehicle does then."""
 
@@ -71,6 +74,7 @@ class VelocityController:
         self._hold_height_down_m = 0.0
         self._anchor_ned_m = np.zeros(3)
         self._lean_rad = 0.0
+        self._too_fast_since_s: float | None = None
         self._pads = PadMemory()
 
     def step(
@@ -99,6 +103,8 @@ class VelocityController:
             self._begin(goal, vehicle)
         dt_s = min(max(now_s - self._last_s, 1e-3), 0.2) if self._velocity is not None else 0.02
         self._last_s = now_s
+        if goal.kind in (GoalKind.SEARCH, GoalKind.CLIMB):
+            self._anchor_ned_m[:2] += dt_s * np.array(goal.drift_ne_m_s)  # in place: the search pattern's too
         self._start_from(vehicle)
         self._lean_rad = math.acos(min(1.0, float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])))
         relative = self._relate(goal, track, vehicle, now_s)
@@ -119,6 +125,7 @@ class VelocityController:
         self._goal_number, self._velocity, self._yaw_rad = -1, None, None
         self._search, self._descent, self._contact = None, Descent(), Contact()
         self._trim_ne_m_s = np.zeros(2)
+        self._too_fast_since_s = None
         self._pads.forget()
 
     def _begin(self, goal: Goal, vehicle: VehicleState) -> None:
@@ -164,12 +171,14 @@ class VelocityController:
         """(3,) velocity before the slew."""
         wanted = np.zeros(3)
         if goal.kind is GoalKind.SEARCH and self._search is not None:
-            wanted[:2] = self._search.velocity_ne_m_s(
+            pattern = self._search.velocity_ne_m_s(
                 vehicle.pos_ned_m, self._guidance.search_speed_m_s, self._guidance.acceleration_max_m_s2 / 2
             )
+            wanted[:2] = limit_norm(pattern + goal.drift_ne_m_s, self._guidance.speed_max_m_s)
             wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
         elif goal.kind is GoalKind.CLIMB:
-            wanted[:2] = self._coast(track, now_s)
+            drift = limit_norm(np.array(goal.drift_ne_m_s), self._guidance.speed_max_m_s)
+            wanted[:2] = drift if drift.any() else self._coast(track, now_s)
             wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
         elif goal.kind in OVER_THE_PAD:
             if relative is None:  # lost: hold the height; the mission decides what comes next
@@ -289,4 +298,18 @@ class VelocityController:
             contact_held_s=self._contact.held_s(now_s),
             search_finished=self._search is not None and self._search.finished,
             climbed=climbed,
+            pad_too_fast_m_s=self._too_fast_m_s(relative, now_s),
         )
+
+    def _too_fast_m_s(self, relative: _Relative | None, now_s: float) -> float | None:
+        """The pad's speed, once it has been more than the vehicle may fly for TOO_FAST_FOR_S without a doubt."""
+        if relative is None:
+            self._too_fast_since_s = None
+            return None
+        speed = float(np.linalg.norm(relative.pad.vel_ned_m_s[:2]))
+        sigma = math.sqrt(max(0.0, float(np.trace(relative.pad.covariance[3:5, 3:5]))))
+        if speed - 2.0 * sigma <= self._guidance.speed_max_m_s - REACH_MARGIN_M_S:
+            self._too_fast_since_s = None
+            return None
+        since_s = self._too_fast_since_s = now_s if self._too_fast_since_s is None else self._too_fast_since_s
+        return speed if now_s - since_s >= TOO_FAST_FOR_S else None

@@ -103,10 +103,15 @@ def _search(
         home = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])
         ground_down = float(home[2]) if state.home_ned_m is None else float(state.home_ned_m[2])
         anchor = np.array([vehicle.pos_ned_m[0], vehicle.pos_ned_m[1], ground_down])
-        goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor)
+        drift = (state.command.pad_drives_ne_m_s if state.command is not None else None) or (0.0, 0.0)
+        goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor, drift)
         return Transition(replace(state, goal=goal))
     if state.goal.kind is GoalKind.CLIMB and guidance is not None and guidance.climbed:
-        goal = numbered(state, GoalKind.SEARCH, config.search_height_m, state.goal.anchor_ned_m)
+        climb, track = state.goal, inputs.track
+        anchor = np.array(climb.anchor_ned_m)
+        if track is not None and any(climb.drift_ne_m_s):  # it went on while the vehicle climbed
+            anchor[:2] = track.at(now_s).pos_ned_m[:2]
+        goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor, climb.drift_ne_m_s)
         return Transition(replace(state, goal=goal))
     if guidance is not None and guidance.search_finished:
         return fail(state, Reason.PAD_NOT_FOUND, now_s, config)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from app.config import MissionConfig
 from app.messages import FlightMode, GoalKind, Phase, Severity
 from app.mission.states import MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import fail, go, numbered
+from app.mission.transitions import fail, go, guidance_of, numbered
 
 LOST_AFTER_S = 2.0
 """Guidance closes in no more after half a second and coasts along; a pad unseen for so long is searched for anew."""
@@ -17,11 +18,24 @@ ANCHOR_AHEAD_MAX_S = 4.0
 """A pad that was last seen longer ago is not expected where its last velocity would have taken it."""
 
 
+DRIVES_M_S = 1.0
+"""A pad at this speed is expected to drive on, and the search goes along with it."""
+
+
+def out_of_reach(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    """Give up a pad that drives away faster than the vehicle may fly, and say so; else None."""
+    guidance = guidance_of(state, inputs)
+    if guidance is None or guidance.pad_too_fast_m_s is None or guidance.committed:
+        return None
+    words = f"{Reason.PAD_TOO_FAST.value}: {guidance.pad_too_fast_m_s:.1f} m/s"
+    return fail(state, Reason.PAD_TOO_FAST, now_s, config, words)
+
+
 def lost(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
-    """Go round if the pad was not seen for LOST_AFTER_S; else None."""
+    """Go round if the pad was not seen for LOST_AFTER_S, give up if it can't be followed; else None."""
     track = inputs.track
     if track is not None and now_s - track.t_last_fix_s <= LOST_AFTER_S:
-        return None
+        return out_of_reach(state, inputs, now_s, config)
     return go_round(state, inputs, Reason.PAD_LOST, now_s, config)
 
 
@@ -33,11 +47,16 @@ def go_round(
         return fail(state, Reason.TRIES_USED_UP, now_s, config, f"{Reason.TRIES_USED_UP.value}: {reason.value}")
     vehicle, track = inputs.vehicle, inputs.track
     anchor = np.zeros(3) if vehicle is None else np.array(vehicle.pos_ned_m)
+    drift = (0.0, 0.0)
     if track is not None:
-        anchor = np.array(track.at(min(now_s, track.t_capture_s + ANCHOR_AHEAD_MAX_S)).pos_ned_m)
+        expected = track.at(min(now_s, track.t_capture_s + ANCHOR_AHEAD_MAX_S))
+        anchor = np.array(expected.pos_ned_m)
+        north, east, _ = expected.vel_ned_m_s.tolist()
+        if math.hypot(north, east) > DRIVES_M_S and now_s - track.t_last_fix_s < ANCHOR_AHEAD_MAX_S:
+            drift = (north, east)
     if state.home_ned_m is not None and track is None:
         anchor[2] = state.home_ned_m[2]
-    goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor)
+    goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor, drift)
     climb = go(state, Phase.SEARCH, reason, now_s, goal=goal, severity=Severity.WARNING, tries=state.tries + 1)
     if state.phase is not Phase.PRECLAND:
         return climb

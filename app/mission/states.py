@@ -34,6 +34,7 @@ class Reason(StrEnum):
     PAD_LOST = "pad lost"
     PAD_NOT_FOUND = "pad not found"
     PAD_MOVES = "pad moves"
+    PAD_TOO_FAST = "the pad drives away too fast"
     PAD_MISSED = "missed the pad, going round"
     TIMED_OUT = "took too long"
     TRIES_USED_UP = "tries used up"

@@ -82,10 +82,16 @@ def _mode_of(state: MissionState) -> FlightMode:
     return FlightMode.OFFBOARD if state.phase in IN_OFFBOARD and state.offboard_seen else state.entry_mode
 
 
-def numbered(state: MissionState, kind: GoalKind, height_m: float = 0.0, anchor_ned_m: Array | None = None) -> Goal:
+def numbered(
+    state: MissionState,
+    kind: GoalKind,
+    height_m: float = 0.0,
+    anchor_ned_m: Array | None = None,
+    drift_ne_m_s: tuple[float, float] = (0.0, 0.0),
+) -> Goal:
     """A new goal, with the next number."""
     anchor = np.zeros(3) if anchor_ned_m is None else anchor_ned_m
-    return Goal(kind, height_m, anchor, state.goal.number + 1)
+    return Goal(kind, height_m, anchor, state.goal.number + 1, drift_ne_m_s)
 
 
 def fail(state: MissionState, reason: Reason, now_s: float, config: MissionConfig, detail: str = "") -> Transition:

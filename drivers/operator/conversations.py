@@ -20,6 +20,8 @@ ANSWERED_BY_MAVSDK = frozenset({512, 520})
 """REQUEST_MESSAGE and REQUEST_AUTOPILOT_CAPABILITIES: a second answer would contradict MAVSDK's own."""
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.5, 50.0
 """As mission.track_height_m in the configuration."""
+PAD_SPEED_MAX_M_S = 25.0
+"""As guidance.speed_max_m_s may be."""
 REPEAT_S = 0.5
 """Between two IN_PROGRESS: QGroundControl waits 3 s for an answer, and each IN_PROGRESS restarts that."""
 SAME_ORDER_S = 0.5
@@ -103,13 +105,24 @@ class Conversations:
         if height_m is not None and not HEIGHT_MIN_M <= height_m <= HEIGHT_MAX_M:
             text = f"Height {height_m:g} m not in {HEIGHT_MIN_M:g}..{HEIGHT_MAX_M:g}"
             return Decision(ack=self._denied(sender), text=text)
+        speed_m_s, heading_deg = _number(fields.get("param3")), fields.get("param4")
+        drives: tuple[float, float] | None = None
+        if speed_m_s is not None:
+            if heading_deg is None or not math.isfinite(float(heading_deg)):
+                return Decision(ack=self._denied(sender), text="A pad that drives wants its heading (parameter 4)")
+            if not 0.0 < speed_m_s <= PAD_SPEED_MAX_M_S:
+                text = f"Pad speed {speed_m_s:g} m/s not in 0..{PAD_SPEED_MAX_M_S:g}"
+                return Decision(ack=self._denied(sender), text=text)
+            heading = math.radians(float(heading_deg))
+            drives = (speed_m_s * math.cos(heading), speed_m_s * math.sin(heading))
         before = self._by_sender.get(sender)
-        if before is not None and (before.order.action, before.order.height_m) == (action, height_m):
+        asked = (action, height_m, drives)
+        if before is not None and (before.order.action, before.order.height_m, before.order.pad_drives_ne_m_s) == asked:
             age_s = now_s - before.order.t_s
             confirmed = int(fields.get("confirmation", 0)) > 0
             if before.pending or age_s < SAME_ORDER_S or (confirmed and age_s < RETRANSMISSION_S):
                 return Decision(ack=before.ack)
-        return self._begin(OperatorCommand(now_s, action, height_m, sender, next(self._numbers)))
+        return self._begin(OperatorCommand(now_s, action, height_m, sender, next(self._numbers), drives))
 
     def take_cancel(self, fields: Mapping[str, Any], sender: Sender, now_s: float) -> Decision:
         """Take a COMMAND_CANCEL: an order to hold, whose success is told as CANCELLED.

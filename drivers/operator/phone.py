@@ -63,6 +63,23 @@ class PhoneResult:
 PhoneEvent = PhoneProgress | PhoneText | PhoneResult
 
 
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the phone asks for.
+
+    Attributes:
+        action: To do.
+        height_m: Height above the pad to track at; None for the configured one.
+        pad_speed_m_s: Of a pad that drives; None: it may stand anywhere near.
+        pad_heading_deg: Which way, clockwise from north.
+    """
+
+    action: OperatorAction
+    height_m: float | None = None
+    pad_speed_m_s: float | None = None
+    pad_heading_deg: float | None = None
+
+
 class _Station:
     """A UDP socket that speaks MAVLink to one address."""
 
@@ -108,17 +125,17 @@ class _Station:
             mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
         )
 
-    def order(self, system_id: int, action: OperatorAction, height_m: float | None, confirmation: int) -> Any:
-        height = math.nan if height_m is None else height_m
+    def order(self, system_id: int, wanted: Wanted, confirmation: int) -> Any:
+        values = (wanted.height_m, wanted.pad_speed_m_s, wanted.pad_heading_deg)
+        given = (math.nan if value is None else value for value in values)
         return self._mav.command_long_encode(
-            system_id, ALIGHT_COMPONENT, ACTION_COMMAND, confirmation, float(action), height, *(math.nan,) * 5
+            system_id, ALIGHT_COMPONENT, ACTION_COMMAND, confirmation, float(wanted.action), *given, *(math.nan,) * 3
         )
 
 
 def send_command(
     address: str,
-    action: OperatorAction,
-    height_m: float | None = None,
+    wanted: Wanted,
     *,
     timeout_s: float = 5.0,
     linger_s: float = 0.5,
@@ -127,8 +144,7 @@ def send_command(
 
     Args:
         address: The rig's operator address (udpin://HOST:PORT), or udpout:// to another machine.
-        action: What is asked.
-        height_m: Height above the pad to track at; None for the configured one.
+        wanted: What is asked.
         timeout_s: Longest silence: to the first answer, and between two.
         linger_s: How long to listen for more lines after the final answer.
 
@@ -140,14 +156,12 @@ def send_command(
     """
     station = _Station(address)
     try:
-        yield from _converse(station, action, height_m, timeout_s, linger_s)
+        yield from _converse(station, wanted, timeout_s, linger_s)
     finally:
         station.close()
 
 
-def _converse(
-    station: _Station, action: OperatorAction, height_m: float | None, timeout_s: float, linger_s: float
-) -> Iterator[PhoneEvent]:
+def _converse(station: _Station, wanted: Wanted, timeout_s: float, linger_s: float) -> Iterator[PhoneEvent]:
     start_s = heard_s = time.monotonic()
     next_beat_s = start_s
     next_order_s = math.inf
@@ -160,7 +174,7 @@ def _converse(
             station.send(station.heartbeat())
             next_beat_s = now_s + HEARTBEAT_S
         if now_s >= next_order_s:
-            station.send(station.order(system_id, action, height_m, confirmation))
+            station.send(station.order(system_id, wanted, confirmation))
             confirmation, next_order_s = confirmation + 1, now_s + RESEND_S
         if result is None and now_s - heard_s > timeout_s:
             raise _silence(station.address, timeout_s, found=system_id != 0, answered=answered)

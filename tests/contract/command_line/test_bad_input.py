@@ -30,6 +30,8 @@ CROSSING = 'name = "bad"\nsize_cm = 38.0\nquiet_zone_cm = 46.0\n' + "".join(
         (["phone"], "missing argument 'action'"),
         (["phone", "dance"], "'dance' is not one of"),
         (["phone", "land", "--height", "0.1"], "invalid value for '--height'"),
+        (["phone", "land", "--pad-speed", "13.5"], "options '--pad-speed' and '--pad-heading' want each other"),
+        (["phone", "land", "--pad-speed", "0", "--pad-heading", "9"], "invalid value for '--pad-speed'"),
         (["landmark"], "missing option '--out'"),
         (["landmark", "--out", "a.pdf", "--tile", "a5"], "'a5' is not one of"),
         (["landmark", "--out", "a.pdf", "--size-cm", "0"], "invalid value for '--size-cm'"),

@@ -14,7 +14,7 @@ from app.config import OperatorConfig
 from app.errors import OperatorError
 from app.messages import CommandAnswer, CommandResult, OperatorAction, OperatorCommand, OperatorText, Severity
 from drivers.operator.mavlink import MavlinkOperator
-from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, send_command
+from drivers.operator.phone import PhoneEvent, PhoneProgress, PhoneResult, PhoneText, Wanted, send_command
 
 
 @pytest.fixture
@@ -30,11 +30,14 @@ async def next_command(link: MavlinkOperator) -> OperatorCommand:
 
 async def test_phone_order_carried_out_tells_progress_lines_and_result(link: MavlinkOperator, port: int) -> None:
     def order() -> list[PhoneEvent]:
-        return list(send_command(f"udpin://127.0.0.1:{port}", OperatorAction.TRACK, 2.5, linger_s=0.1))
+        return list(
+            send_command(f"udpin://127.0.0.1:{port}", Wanted(OperatorAction.TRACK, 2.5, 3.75, 90.0), linger_s=0.1)
+        )
 
     phone = asyncio.create_task(asyncio.to_thread(order))
     command = await next_command(link)
     assert (command.action, command.height_m) == (OperatorAction.TRACK, 2.5)
+    assert command.pad_drives_ne_m_s == pytest.approx((0.0, 3.75), abs=1e-6)
     await link.say(OperatorText("Searching", Severity.NOTICE))
     await link.answer(CommandAnswer(command.number, CommandResult.IN_PROGRESS, 30))
     await link.answer(CommandAnswer(command.number, CommandResult.ACCEPTED))
@@ -47,7 +50,7 @@ async def test_phone_order_carried_out_tells_progress_lines_and_result(link: Mav
 
 async def test_phone_order_without_height_leaves_it_to_the_configuration(link: MavlinkOperator, port: int) -> None:
     def order() -> list[PhoneEvent]:
-        return list(send_command(f"udpout://127.0.0.1:{port}", OperatorAction.LAND, linger_s=0.0))
+        return list(send_command(f"udpout://127.0.0.1:{port}", Wanted(OperatorAction.LAND), linger_s=0.0))
 
     phone = asyncio.create_task(asyncio.to_thread(order))
     command = await next_command(link)
@@ -59,20 +62,20 @@ async def test_phone_order_without_height_leaves_it_to_the_configuration(link: M
 def test_phone_with_nobody_at_the_address_says_so_and_what_to_do(port: int) -> None:
     address = f"udpin://127.0.0.1:{port}"
     with pytest.raises(OperatorError, match=f"{address}: nobody answers within 0.3 s; start alight run"):
-        list(send_command(address, OperatorAction.LAND, timeout_s=0.3))
+        list(send_command(address, Wanted(OperatorAction.LAND), timeout_s=0.3))
 
 
 @pytest.mark.parametrize("address", ["serial:///dev/ttyUSB0:57600", "udpin://127.0.0.1", "udpin://127.0.0.1:99999"])
 def test_phone_address_that_is_no_udp_address_is_refused(address: str) -> None:
     with pytest.raises(OperatorError, match="not a UDP address"):
-        list(send_command(address, OperatorAction.LAND))
+        list(send_command(address, Wanted(OperatorAction.LAND)))
 
 
 def test_phone_order_unanswered_is_sent_again_with_its_confirmation_counted_up(
     make_alight: Callable[..., Any], port: int
 ) -> None:
     alight = make_alight(None, 0)
-    events = list(send_command(f"udpin://127.0.0.1:{port}", OperatorAction.SEARCH, linger_s=0.0))
+    events = list(send_command(f"udpin://127.0.0.1:{port}", Wanted(OperatorAction.SEARCH), linger_s=0.0))
     orders = [m for _, m in alight.of_kind("COMMAND_LONG")]
     assert events == [PhoneResult(CommandResult.ACCEPTED)]
     assert [m.confirmation for m in orders] == [0, 1]
@@ -85,10 +88,10 @@ def test_phone_that_is_heard_and_never_answered_says_that_alight_is_there(
 ) -> None:
     make_alight()
     with pytest.raises(OperatorError, match="Alight is there and did not answer"):
-        list(send_command(f"udpin://127.0.0.1:{port}", OperatorAction.LAND, timeout_s=0.3))
+        list(send_command(f"udpin://127.0.0.1:{port}", Wanted(OperatorAction.LAND), timeout_s=0.3))
 
 
 def test_phone_whose_answers_cease_says_so(make_alight: Callable[..., Any], port: int) -> None:
     make_alight(5)
     with pytest.raises(OperatorError, match="answers ceased"):
-        list(send_command(f"udpin://127.0.0.1:{port}", OperatorAction.LAND, timeout_s=0.3))
+        list(send_command(f"udpin://127.0.0.1:{port}", Wanted(OperatorAction.LAND), timeout_s=0.3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -39,6 +40,35 @@ def test_order_that_names_no_action_is_denied(conversations: Conversations, para
     assert decision.command is None
     assert decision.ack is not None
     assert decision.ack.result is CommandResult.DENIED
+
+
+@pytest.mark.parametrize(
+    ("param3", "param4", "north_m_s", "east_m_s"),
+    [(4.0, 0.0, 4.0, 0.0), (4.0, 90.0, 0.0, 4.0), (2.0, -150.0, -math.sqrt(3.0), -1.0), (25.0, 180.0, -25.0, 0.0)],
+)
+def test_order_says_how_the_pad_drives(conversations: Conversations, param3, param4, north_m_s, east_m_s) -> None:
+    decision = conversations.take(order(1.0, param3=param3, param4=param4), PHONE, 10.0)
+    assert decision.command is not None
+    assert decision.command.pad_drives_ne_m_s == pytest.approx((north_m_s, east_m_s))
+
+
+@pytest.mark.parametrize("param3", [None, 0.0, float("nan")])
+def test_order_that_leaves_the_pads_speed_open_says_nothing_of_it(conversations: Conversations, param3) -> None:
+    decision = conversations.take(order(1.0, param3=param3, param4=45.0), PHONE, 10.0)
+    assert decision.command is not None
+    assert decision.command.pad_drives_ne_m_s is None
+
+
+@pytest.mark.parametrize(("param3", "param4"), [(4.0, None), (4.0, float("nan")), (-1.0, 0.0), (26.0, 0.0)])
+def test_order_for_a_pad_that_drives_nowhere_or_too_fast_is_denied_with_words(
+    conversations: Conversations, param3, param4
+) -> None:
+    decision = conversations.take(order(1.0, param3=param3, param4=param4), PHONE, 10.0)
+    assert decision.command is None
+    assert decision.ack is not None
+    assert decision.ack.result is CommandResult.DENIED
+    assert decision.text is not None
+    assert "pad" in decision.text.lower()
 
 
 def test_order_pending_is_said_again_every_half_second_until_the_outcome(conversations: Conversations) -> None:

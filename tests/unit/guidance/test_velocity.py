@@ -324,6 +324,51 @@ def test_jump_of_the_frame_moves_the_height_of_the_search_along():
     assert max(abs(float(setpoint.vel_ned_m_s[2])) for setpoint, _ in turns) < 1e-9
 
 
+# --------------------------------------------------------------------------------------- a pad that drives, far or fast
+def test_search_for_a_pad_that_drives_flies_its_pattern_about_a_centre_that_drives():
+    """A perfect vehicle passes every corner of the square as the pad, 4 m/s to the north, sees it."""
+    drift, speed = np.array([4.0, 0.0]), 2.0
+    steering = controller(search_spacing_m=3.0, search_radius_m=6.0, search_speed_m_s=speed)
+    goal = Goal(GoalKind.SEARCH, 4.0, np.array([0.0, 0.0, 0.0]), 1, (4.0, 0.0))
+    corners = np.array([(0, 0), (3, 0), (3, 3), (-3, 3), (-3, -3), (6, -3)])
+    pos, nearest, now_s = np.array([0.0, 0.0, -4.0]), np.full(len(corners), np.inf), 100.0
+    for _ in range(round(40.0 / DT_S)):
+        setpoint, status = steering.step(goal, None, vehicle(now_s, tuple(pos), (4.0, 0.0, 0.0)), now_s)
+        assert setpoint is not None
+        now_s += DT_S
+        pos = pos + DT_S * setpoint.vel_ned_m_s
+        nearest = np.minimum(nearest, np.linalg.norm(drift * (now_s - 100.0) + corners - pos[:2], axis=1))
+        if status.search_finished:
+            break
+    assert status.search_finished
+    assert nearest.max() <= 0.6
+
+
+def test_climb_over_a_pad_that_drives_goes_along_with_it():
+    goal = Goal(GoalKind.CLIMB, 4.0, np.zeros(3), 1, (3.0, -1.0))
+    turns = run(controller(), goal, None, lambda t: vehicle(t, vel=(3.0, -1.0, 0.0)), seconds=1.0)
+    np.testing.assert_allclose(turns[-1][0].vel_ned_m_s[:2], [3.0, -1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "told"),
+    [(7.5, None), (9.0, 9.0)],  # the vehicle may fly at 8 m/s, and wants 0.3 to make up for what is missing
+)
+@pytest.mark.parametrize("kind", FOLLOWING)
+def test_pad_that_drives_away_too_fast_is_told_after_a_second(kind, speed_m_s, told):
+    goal = Goal(kind, 2.5, number=1)
+    turns = run(controller(), goal, lambda t: pad(t, vel=(0.0, speed_m_s, 0.0)), vehicle, seconds=1.5)
+    said = [status.pad_too_fast_m_s for _, status in turns]
+    assert said[:50] == [None] * 50
+    assert said[-1] == (None if told is None else pytest.approx(told))
+
+
+def test_speed_that_is_not_known_well_is_not_too_fast():
+    unsure = lambda t: replace(pad(t, vel=(9.0, 0.0, 0.0)), covariance=np.eye(6) * 0.5)  # noqa: E731
+    turns = run(controller(), Goal(GoalKind.TRACK, 2.5, number=1), unsure, vehicle, seconds=1.5)
+    assert turns[-1][1].pad_too_fast_m_s is None
+
+
 # ----------------------------------------------------------------------------------------------------------------- yaw
 @pytest.mark.parametrize(
     ("vehicle_deg", "pad_deg", "after_1_s_deg"),

@@ -337,6 +337,44 @@ def test_pad_lost_over_a_moving_pad_climbs_over_where_it_is_expected(make: Any):
     assert (result.state.goal.height_m, result.state.offboard_seen, result.action) == (4.0, True, None)
 
 
+@pytest.mark.parametrize(("north_m_s", "drift"), [(2.0, (2.0, 0.0)), (0.8, (0.0, 0.0))])
+def test_search_for_a_pad_that_drove_when_it_was_lost_goes_along_with_it(make: Any, north_m_s, drift):
+    state = make.state(P.TRACK)
+    track = make.track(t_capture_s=97.5, t_last_fix_s=97.5, vel_ned_m_s=np.array([north_m_s, 0.0, 0.0]))
+    climbing = step(state, make.inputs(state, track=track), 100.0, make.config).state
+    assert climbing.goal.drift_ne_m_s == drift
+    word = make.settled(climbing, 102.0, climbed=True)
+    seen = make.inputs(climbing, track=track, track_usable=False, guidance=word)
+    searching = step(climbing, seen, 102.0, make.config).state
+    assert (searching.goal.kind, searching.goal.drift_ne_m_s) == (GoalKind.SEARCH, drift)
+    # 4.5 s after it was seen a pad that drives is so far on; one that was slow is looked for where it was lost.
+    assert searching.goal.anchor_ned_m[0] == pytest.approx(1.0 + (4.5 * 2.0 if drift[0] else 2.5 * 0.8))
+
+
+def test_pad_that_the_phone_says_drives_is_searched_for_along_its_way(make: Any):
+    state = make.state(P.SEARCH)
+    state = replace(state, goal=replace(state.goal, kind=GoalKind.STAY))
+    state = replace(state, command=replace(state.command, pad_drives_ne_m_s=(0.0, 3.75)))
+    begun = step(state, make.inputs(state), 100.0, make.config).state
+    assert (begun.goal.kind, begun.goal.drift_ne_m_s) == (GoalKind.SEARCH, (0.0, 3.75))
+
+
+@pytest.mark.parametrize("phase", [P.HOVER, P.TRACK, P.LAND])
+def test_pad_that_drives_away_too_fast_is_given_up_in_words(make: Any, phase):
+    state = make.state(phase)
+    word = make.settled(state, pad_too_fast_m_s=9.04)
+    result = step(state, make.inputs(state, guidance=word), 100.0, make.config)
+    assert (result.state.phase, result.reason) == (P.HOLD, Reason.PAD_TOO_FAST)
+    assert [text.text for text in result.texts] == ["hold: the pad drives away too fast: 9.0 m/s"]
+    assert [r for _, r in answers(result)] == [C.FAILED]
+
+
+def test_committed_landing_is_not_given_up_for_the_pads_speed(make: Any):
+    state = make.state(P.LAND)
+    word = make.settled(state, committed=True, pad_too_fast_m_s=9.0)
+    assert step(state, make.inputs(state, guidance=word), 100.0, make.config).state.phase is P.LAND
+
+
 def test_pad_unseen_for_long_is_not_expected_far_away(make: Any):
     state = make.state(P.LAND, committed_since_s=90.0)
     track = make.track(t_capture_s=90.0, t_last_fix_s=90.0, vel_ned_m_s=np.array([4.0, 0.0, 0.0]))
