@@ -21,6 +21,7 @@ from app.messages import CommandAnswer, MissionReport, OperatorAction, OperatorC
 from app.runtime import Application, Parts
 from app.tasks.compute import in_place
 from app.vision.detector import Detector
+from app.vision.geometry import LandmarkGeometry
 from app.wiring import Rig, make_exposure
 from drivers.autopilot.simulated import SimulatedAutopilot
 from drivers.simulator.params import DEFAULTS
@@ -112,8 +113,10 @@ def check_parameters(path: Path, names: Iterable[str]) -> None:
             )
 
 
-async def fly(rig: Rig, script: Script) -> VirtualFlight:
-    """Fly a script to its end in the rig's world. The autopilot is up before the application starts, as on a field."""
+async def fly(rig: Rig, script: Script, geometry: LandmarkGeometry | None = None) -> VirtualFlight:
+    """Fly a script to its end in the rig's world. The autopilot is up before the application starts, as on a field.
+    What a detector works out of the rig's landmark can be handed from flight to flight.
+    """
     clock = LoopClock()
     world = SimulatedWorld(
         rig.config.simulator or WorldConfig(), rig.landmark, rig.lens_config, rig.config.camera, clock
@@ -127,7 +130,7 @@ async def fly(rig: Rig, script: Script) -> VirtualFlight:
             autopilot=SimulatedAutopilot(world),
             operator=flight.phone,
             recorder=None,
-            detector=Detector(rig.landmark, rig.lens, rig.config.vision),
+            detector=Detector(rig.landmark, rig.lens, rig.config.vision, geometry),
             make_fix=FixMaker(
                 pose_estimator(rig.landmark, rig.lens, rig.config.vision.method), body_from_cam(rig.config.camera)
             ),

@@ -19,6 +19,7 @@ from app.campaign.scenario import Scenario, overridden, read_scenario, rig_path
 from app.clock import LoopClock, run_virtual
 from app.errors import AlightError
 from app.messages import CommandResult, OperatorAction, Phase
+from app.vision.geometry import LandmarkGeometry
 from app.wiring import Rig, load_rig
 from app.wiring_virtual import VirtualFlight, fly
 
@@ -43,12 +44,14 @@ class Course:
         argument: What names it on the command line.
         scenario: What its file says.
         rig: Its rig, overrides in it.
+        geometry: Of the rig's landmark, for the detectors of all trials.
     """
 
     name: str
     argument: str
     scenario: Scenario
     rig: Rig
+    geometry: LandmarkGeometry
 
 
 def load_course(path: Path, argument: str) -> Course:
@@ -59,7 +62,8 @@ def load_course(path: Path, argument: str) -> Course:
     """
     scenario = read_scenario(path)
     rig = load_rig(rig_path(path, scenario))
-    return Course(path.stem, argument, scenario, replace(rig, config=overridden(path, scenario, rig.config)))
+    rig = replace(rig, config=overridden(path, scenario, rig.config))
+    return Course(path.stem, argument, scenario, rig, LandmarkGeometry(rig.landmark))
 
 
 def fly_trial(course: Course, seed: int) -> TrialResult:
@@ -136,7 +140,7 @@ async def _fly(course: Course, plan: TrialPlan, flown: _Flown) -> None:
         except TimeoutError:
             flown.timed_out = True
 
-    await fly(replace(course.rig, config=plan.rig), script)
+    await fly(replace(course.rig, config=plan.rig), script, course.geometry)
 
 
 async def _person(flight: VirtualFlight, plan: TrialPlan, flown: _Flown) -> None:

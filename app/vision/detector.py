@@ -161,10 +161,13 @@ class Detector:
         landmark: What to look for.
         lens: Of the camera.
         config: [vision].
+        geometry: Of the landmark, where there is one already: it keeps much that takes time to make.
     """
 
-    def __init__(self, landmark: Landmark, lens: Lens, config: VisionConfig) -> None:
-        self.geometry = LandmarkGeometry(landmark)
+    def __init__(
+        self, landmark: Landmark, lens: Lens, config: VisionConfig, geometry: LandmarkGeometry | None = None
+    ) -> None:
+        self.geometry = LandmarkGeometry(landmark) if geometry is None else geometry
         self.lens = lens
         self.config = config
         self.threshold = ThresholdState()

@@ -52,6 +52,8 @@ TONE_SIGMA = 0.4
 NOISE_PART = 0.1
 """Noise on a pixel, as a part of the contrast, against which these expectations weigh."""
 BLURS_PER_OCTAVE = 4.0
+RIVALS_KEPT = 6
+"""Blurs whose rivals are kept, oldest out first: each is 12 MB, and a flight runs through twenty of them."""
 FINE = 4
 """Points along a cell when the drawing is made."""
 
@@ -312,8 +314,9 @@ class LandmarkGeometry:
         self.unit_gaps: Array = np.repeat(self.gap_m / self.unit_m, SAMPLES_PER_SIDE)
         self.point_sign: Array = np.repeat(self.side_sign, SAMPLES_PER_SIDE)
         self.point_contour: NDArray[np.intp] = np.repeat(self.corner_contour, SAMPLES_PER_SIDE)
-        self._templates: dict[tuple[int, int], Template] = {}
+        self._templates: dict[int, Template] = {}
         self._rivals: dict[int, Rivals] = {}
+        self._inners: dict[int, LandmarkGeometry] = {}
         self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
 
@@ -369,9 +372,13 @@ class LandmarkGeometry:
         corners = self.landmark.contours[first].corners_m
         return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)), dtype=np.float64)
 
-    @cache  # noqa: B019  # a geometry lives as long as its detector
     def inner(self, first: int) -> LandmarkGeometry:
         """The drawing from a black contour on, with its origin in the middle of it, on the white that is round it."""
+        if first not in self._inners:
+            self._inners[first] = self._from(first)
+        return self._inners[first]
+
+    def _from(self, first: int) -> LandmarkGeometry:
         contours = self.landmark.contours
         white, centre = contours[first - 1], self.inner_centre_m(first)
         shifted = tuple(replace(c, corners_m=c.corners_m - centre) for c in contours[first:])
@@ -443,27 +450,30 @@ class LandmarkGeometry:
                 found.append((f"with {self.landmark.contours[2].name} turned {name}", 2, self._drawn(own[:2] + inside)))
         return found
 
-    def template(self, sigma_cells: float, variant: int = 0) -> Template:
-        """The drawing as seen with a blur of that many cells (to the nearest of BLURS_PER_OCTAVE in an octave).
-
-        Args:
-            sigma_cells: Standard deviation.
-            variant: 0 for the landmark, else a rival.
+    def template(self, sigma_cells: float) -> Template:
+        """The drawing as seen with a blur (standard deviation) of that many cells, to the nearest of BLURS_PER_OCTAVE
+        in an octave.
         """
-        key = self._blur_key(sigma_cells), variant
+        key = self._blur_key(sigma_cells)
         if key not in self._templates:
-            sigma = 0.25 * 2.0 ** (key[0] / BLURS_PER_OCTAVE)
-            self._templates[key] = Template(self._blurred(sigma, variant), sigma)
+            self._templates[key] = self._drawn_at(key, 0)
         return self._templates[key]
+
+    def _drawn_at(self, key: int, variant: int) -> Template:
+        """The landmark (0) or a rival at a blur."""
+        sigma = 0.25 * 2.0 ** (key / BLURS_PER_OCTAVE)
+        return Template(self._blurred(sigma, variant), sigma)
 
     @staticmethod
     def _blur_key(sigma_cells: float) -> int:
         return max(0, round(BLURS_PER_OCTAVE * math.log2(max(sigma_cells, 0.25) / 0.25)))
 
     def rivals(self, sigma_cells: float) -> Rivals:
-        """What the picture must not be taken for, at a blur of that many cells."""
+        """What the picture must not be taken for, at a blur of that many cells; the last RIVALS_KEPT are kept."""
         key = self._blur_key(sigma_cells)
-        if key not in self._rivals:
+        if key in self._rivals:
+            self._rivals[key] = self._rivals.pop(key)
+        else:
             own = self.template(sigma_cells)
             names, differ, templates, contour = ["as drawn"], [False], [own], [0]
             turns = self.landmark.contours[0].shape is Shape.SQUARE and bool(self.turns_visibly.any())
@@ -477,9 +487,11 @@ class LandmarkGeometry:
                 if variant > 0:
                     names.append(name)
                     differ.append(False)
-                    templates.append(self.template(sigma_cells, variant))
+                    templates.append(self._drawn_at(key, variant))
                     contour.append(which)
             self._rivals[key] = Rivals(names, differ, templates, contour)
+            if len(self._rivals) > RIVALS_KEPT:
+                del self._rivals[next(iter(self._rivals))]
         return self._rivals[key]
 
     @cached_property

@@ -1,5 +1,8 @@
 """The detector against images that an independent renderer draws from geometry."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -313,3 +316,22 @@ def test_image_of_twice_the_size_is_searched_at_both_resolutions(scene, height_m
     found = detector(scene, lens).detect(frame(scene.draw(view, lens=lens)), still=True)
     assert found.detected, found.reason
     assert corner_errors_px(scene, found, view, lens).max() < 0.5
+
+
+# -------------------------------------------------------------------------------------------------------------- memory
+def test_detector_that_is_gone_leaves_nothing_of_its_landmark_behind(scene):
+    """What it works out of the landmark is 160 MB after a flight; a campaign flies hundreds in one process."""
+    seeing = detector(scene, scene.pinhole)
+    kept = [weakref.ref(seeing.geometry), weakref.ref(seeing.geometry.inner(2))]
+    assert all(one() is not None for one in kept)
+    del seeing
+    gc.collect()
+    assert [one() for one in kept] == [None, None]
+
+
+def test_rivals_are_kept_for_the_last_blurs_only(scene):
+    geometry = detector(scene, scene.pinhole).geometry
+    made = [weakref.ref(geometry.rivals(0.3 * 1.3**k)) for k in range(12)]
+    gc.collect()
+    assert sum(one() is not None for one in made) == 6
+    assert made[-1]() is geometry.rivals(0.3 * 1.3**11)
