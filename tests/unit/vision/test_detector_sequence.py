@@ -188,13 +188,26 @@ def test_still_leaves_the_sequence_as_it_was(scene):
     assert seeing.attempt.how == "followed"
 
 
-def glaring(scene, view, image, radius):
-    """The image with a saturated disc over the middle of the landmark, so many outer sides in radius."""
+def off_middle(scene, view, image):
+    """How far each pixel is from the middle of the landmark, in its outer sides."""
     corners = scene.corners_px(view, 0, scene.fisheye)
-    side = np.linalg.norm(corners[1] - corners[0])
     v, u = np.indices(image.shape)
     off = np.hypot(u - corners[:, 0].mean(), v - corners[:, 1].mean())
-    return np.where(off < radius * side, 255, image).astype(np.uint8)
+    return off / np.linalg.norm(corners[1] - corners[0])
+
+
+def glaring(scene, view, image, radius):
+    """The image with a mirrored sun over the middle of the landmark: light that falls off as a Gaussian does, and
+    saturates what is black within so many outer sides.
+    """
+    return np.clip(image + 255.0 * np.exp(2.0 - 2.0 * (off_middle(scene, view, image) / radius) ** 2), 0, 255).astype(
+        np.uint8
+    )
+
+
+def papered(scene, view, image, radius):
+    """The image with a saturated disc over the middle of the landmark, so many outer sides in radius: white paper."""
+    return np.where(off_middle(scene, view, image) < radius, 255, image).astype(np.uint8)
 
 
 @pytest.mark.parametrize("height_m", [0.8, 1.6])
@@ -208,6 +221,17 @@ def test_glare_over_the_inside_does_not_end_a_track_for_a_second(scene, height_m
     assert found[20].code == "44"
     # After a second of glare nothing vouches for the heading any more.
     assert not any(d.detected for d in found[34:])
+
+
+@pytest.mark.parametrize("height_m", [0.8, 1.6])
+def test_white_paper_over_the_inside_ends_a_track(scene, height_m):
+    """It looks like a glare, but that would light up the black round it too."""
+    seeing, found = detector(scene, scene.fisheye), []
+    for k in range(10):
+        view = scene.view(height_m, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
+        image = scene.draw(view, seed=k)
+        found.append(seeing.detect(frame(image if k < 3 else papered(scene, view, image, 0.33), k)).detected)
+    assert found == [True] * 3 + [False] * 7
 
 
 def test_glare_over_the_inside_of_what_was_not_seen_before_is_refused(scene):
