@@ -132,9 +132,8 @@ class TargetEstimator:
             self._track = replace(track, fixes_rejected_in_row=rejected)
             return self._track
         gain = prior @ look.T @ np.linalg.inv(s_matrix)
-        speed_variance = float(np.trace(predicted.covariance[3:, 3:]))
-        near = float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M
-        if near or speed_variance > DELAY_SPEED_SIGMA_M_S**2:
+        unsure = float(np.trace(predicted.covariance[3:, 3:])) > DELAY_SPEED_SIGMA_M_S**2
+        if unsure or float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M:
             gain[6] = 0.0  # Schmidt's: what is known of it counts, nothing is learnt
         correction = gain @ innovation
         keep = np.eye(7) - gain @ look
@@ -142,9 +141,10 @@ class TargetEstimator:
         covariance = posterior[:6, :6]
         delay_s = max(-DELAY_MAX_S, min(DELAY_MAX_S, self._delay.mean_s + float(correction[6])))
         self._delay = _Delay(delay_s, float(posterior[6, 6]), posterior[:6, 6])
-        dt_s = fix.t_capture_s - track.t_capture_s
         velocity = predicted.vel_ned_m_s + correction[3:6]
-        self._slow_vel_ned_m_s = self._slow_vel_ned_m_s + dt_s / (SLOW_S + dt_s) * (velocity - self._slow_vel_ned_m_s)
+        dt_s = fix.t_capture_s - track.t_capture_s
+        part = 1.0 if unsure else dt_s / (SLOW_S + dt_s)
+        self._slow_vel_ned_m_s = self._slow_vel_ned_m_s + part * (velocity - self._slow_vel_ned_m_s)
         yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
         self._last_fix = fix
         self._update_deck(fix)

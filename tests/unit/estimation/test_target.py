@@ -313,14 +313,16 @@ def mistimed(offset_s: float, seconds: float, pad_vel, noise_m: float = 0.005) -
 
 
 @pytest.mark.parametrize("offset_s", [0.04, -0.03, 0.0])
-@pytest.mark.parametrize("pad_vel", [(0.0, 0.0, 0.0), (3.5, -1.5, 0.0)])
+@pytest.mark.parametrize("pad_vel", [(0.0, 0.0, 0.0), (3.5, -1.5, 0.0), (-12.0, 7.0, 0.0)])
 def test_frames_that_are_exposed_later_than_they_say_show_by_how_much(offset_s, pad_vel):
     estimator = TargetEstimator(CONFIG)
     tracks = [estimator.update(one) for one in mistimed(offset_s, 20.0, pad_vel)]
     last = tracks[-1]
     assert last.delay_s == pytest.approx(offset_s, abs=0.004 + 0.3 * abs(offset_s))
     assert abs(last.delay_s - offset_s) < 2.5 * last.delay_sigma_s < 0.02
-    np.testing.assert_allclose(last.pos_ned_m, np.array(pad_vel) * (last.t_capture_s - 100.0), atol=0.02)
+    # What is left of the offset moves a driving pad along its way, and the vehicle with it.
+    within_m = 0.02 + 0.002 * float(np.linalg.norm(pad_vel))
+    np.testing.assert_allclose(last.pos_ned_m, np.array(pad_vel) * (last.t_capture_s - 100.0), atol=within_m)
 
 
 def test_known_offset_leaves_the_pads_velocity_calm():
