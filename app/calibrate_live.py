@@ -63,7 +63,7 @@ async def gather_views(camera: Camera, collector: Collector, console: Console, c
     try:
         async with camera, _frames(camera) as frames:
             async for frame in frames:
-                found = await compute(lambda frame=frame: collector.look_live(frame))  # type: ignore[misc]
+                found = await compute(lambda frame=frame: collector.look_live(frame))  # type: ignore[misc]  # mypy can't infer the default argument
                 missing = collector.missing()
                 if live is not None:
                     live.update(Text("\n".join(_lines(collector, found, missing))), refresh=True)

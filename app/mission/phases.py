@@ -24,7 +24,7 @@ from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
 from app.mission.precland import begin_precland, run_precland
 from app.mission.rounds import go_round, lost
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import ask, enter_search, fail, go, guidance_of, numbered
+from app.mission.transitions import ask, enter_search, fail, go, guidance_of, leave_to_px4, numbered
 
 SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
@@ -67,7 +67,7 @@ def _takeoff(state: MissionState, vehicle: VehicleState, now_s: float, config: M
         reason = Reason.REFUSED_BY_AUTOPILOT if state.refusals else Reason.TIMED_OUT
         if not vehicle.armed:
             return go(state, Phase.IDLE, reason, now_s, severity=Severity.WARNING, result=CommandResult.FAILED)
-        return go(state, Phase.FALLBACK_LAND, reason, now_s, severity=Severity.WARNING, result=CommandResult.FAILED)
+        return leave_to_px4(state, reason, now_s)
     if not vehicle.armed:
         if state.takeoff_accepted:  # armed, took the command, and disarmed again: PX4 gave up
             return go(state, Phase.IDLE, Reason.DISARMED, now_s, result=CommandResult.FAILED)
@@ -183,14 +183,7 @@ def _land(
         if not guidance.contact:
             return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         # It stands on something and nobody disarms: PX4's own landing is the one that can end this.
-        return go(
-            state,
-            Phase.FALLBACK_LAND,
-            Reason.TIMED_OUT,
-            now_s,
-            severity=Severity.WARNING,
-            result=CommandResult.FAILED,
-        )
+        return leave_to_px4(state, Reason.TIMED_OUT, now_s)
     if inputs.may_force_disarm:
         return ask(state, AutopilotAction.FORCE_DISARM, now_s)
     if guidance.contact and vehicle.landed is LandedState.ON_GROUND:

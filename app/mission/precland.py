@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from app.config import MissionConfig
-from app.messages import AutopilotAction, CommandResult, FlightMode, GoalKind, PadTrack, Phase, Severity, VehicleState
+from app.messages import AutopilotAction, FlightMode, GoalKind, PadTrack, Phase, VehicleState
 from app.mission.modes import REFUSALS_MAX, hand_over
 from app.mission.rounds import go_round, lost
 from app.mission.states import MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import CONFIRM_S, fail, go, guidance_of, numbered
+from app.mission.transitions import CONFIRM_S, fail, go, guidance_of, leave_to_px4, numbered
 
 TARGETS_BEFORE_S = 0.5
 """Ten targets, before PX4 is asked for the mode."""
@@ -63,14 +63,7 @@ def run_precland(
         since_s = now_s if state.committed_since_s is None else state.committed_since_s
         state = replace(state, committed_since_s=since_s)
         if now_s - since_s > COMMITTED_MAX_S:
-            return go(
-                state,
-                Phase.FALLBACK_LAND,
-                Reason.TIMED_OUT,
-                now_s,
-                severity=Severity.WARNING,
-                result=CommandResult.FAILED,
-            )
+            return leave_to_px4(state, Reason.TIMED_OUT, now_s)
     if now_s - state.since_s < TARGETS_BEFORE_S:
         return Transition(state)
     unseen = state.accepted is AutopilotAction.PRECLAND and now_s - state.asked_s >= CONFIRM_S

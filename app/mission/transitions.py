@@ -100,6 +100,11 @@ def fail(state: MissionState, reason: Reason, now_s: float, config: MissionConfi
     return go(state, phase, reason, now_s, detail=detail, severity=Severity.WARNING, result=CommandResult.FAILED)
 
 
+def leave_to_px4(state: MissionState, reason: Reason, now_s: float) -> Transition:
+    """End the mission by PX4's own landing, straight down."""
+    return go(state, Phase.FALLBACK_LAND, reason, now_s, severity=Severity.WARNING, result=CommandResult.FAILED)
+
+
 def ask(state: MissionState, action: AutopilotAction, now_s: float, height_m: float = 0.0) -> Transition:
     """Ask for an action, unless one is pending, this one was refused a moment ago, or it was accepted and has not had
     the time to show. One that was accepted and doesn't show counts as refused.

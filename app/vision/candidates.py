@@ -18,7 +18,6 @@ from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
     MIN_CONTRAST,
-    MIN_SHARE,
     check_contours,
     check_edges,
     check_rectified,
@@ -26,8 +25,9 @@ from app.vision.evidence import (
     heading_is_open,
 )
 from app.vision.fit import fit_run, project_pad
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry
-from app.vision.patch import SATURATED_DN, Patch, View, near_view, rectify, resemblance, side_px
+from app.vision.geometry import LandmarkGeometry
+from app.vision.glare import is_blinded
+from app.vision.patch import Patch, View, near_view, rectify, resemblance, side_px
 from app.vision.picture import Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
@@ -57,15 +57,6 @@ SAME = 0.985
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
-BLINDED = 0.35
-"""Part of what lies inside the second contour that is saturated, and of what is drawn black there that is bright, from
-which the frame before vouches for it."""
-BLIND_POINTS = 30
-DRAWN_BLACK = 0.1
-DARK_MOST = 0.03
-"""Part of the white inside that may be dark in a glare."""
-RING_LIT = 0.2
-"""Brightest over darkest tenth of the ring round a glare, as a part of what there is up to saturation."""
 MIN_SHADED, MIN_SHADED_INSIDE = 0.88, 0.8
 """Part of the cells that must be as drawn in their own light, of the whole and inside the second contour."""
 NEAR_MIN_PX = 24.0
@@ -186,42 +177,10 @@ def judge_edges(fit: EdgeFit, view: View, before: Patch | None = None, led: bool
         led: The map comes from the frame before: where glare hides what lies inside, the outer contours are enough.
     """
     found = _judge_edges(fit, view, before)
-    if isinstance(found, Rejection) and led and _is_blinded(fit, view):
+    if isinstance(found, Rejection) and led and is_blinded(fit, view):
         look = _look(fit, view)
         return replace(_outer(fit, look), blind=True)
     return found
-
-
-def _is_blinded(fit: EdgeFit, view: View) -> bool:
-    """Whether the outer contours are there, but most of what lies inside is saturated."""
-    edges = fit.edges
-    if check_edges(edges) is not None or len(edges.in_view) < 3:
-        return False
-    if int(edges.confirmed[:2].sum()) < max(BLIND_POINTS, MIN_SHARE * int(edges.in_view[:2].sum())):
-        return False
-    near, matrix = near_view(view, fit.rays_from_pad, 2)
-    look = rectify(near, matrix)
-    if look.clipped is None:
-        return False
-    drawn, inside = near.geometry.template(PSF_SIGMA_PX / look.cell_px).white.ravel(), near.geometry.cells(None)
-    bright, drawn = (look.grey.ravel() > edges.level)[inside], drawn[inside]
-    hidden = (look.clipped | ~look.seen.ravel())[inside]
-    if float(hidden.mean()) <= BLINDED or float((hidden | bright)[drawn < DRAWN_BLACK].mean()) <= BLINDED:
-        return False
-    # Nothing makes print blacker; and a glare lights up some of the ring round it too, where white paper does not.
-    return float((hidden | bright)[drawn > 1.0 - DRAWN_BLACK].mean()) > 1.0 - DARK_MOST and _ring_is_lit(fit, view)
-
-
-def _ring_is_lit(fit: EdgeFit, view: View) -> bool:
-    """Whether the black between the two outer contours is much brighter in one place than in another."""
-    patch, geometry = rectify(view, fit.rays_from_pad), view.geometry
-    drawn = geometry.template(PSF_SIGMA_PX / patch.cell_px).white.ravel()
-    ring = geometry.inside(0).ravel() & ~geometry.inside(1).ravel() & (drawn < DRAWN_BLACK) & patch.seen.ravel()
-    grey = patch.grey.ravel()[ring]
-    if len(grey) < BLIND_POINTS:
-        return False
-    low, high = np.percentile(grey, (10.0, 90.0))
-    return float(high - low) > RING_LIT * (SATURATED_DN - float(low))
 
 
 def _outer(fit: EdgeFit, look: Patch) -> Found:

@@ -77,7 +77,7 @@ def contour_tree(binary: Image) -> Tree:
         none = np.zeros(0, dtype=np.int32)
         return Tree((), none, none)
     length = np.fromiter(map(len, points), dtype=np.int32, count=len(points))
-    return Tree(points, np.ascontiguousarray(hierarchy[0, :, 3]), length)  # type: ignore[arg-type]
+    return Tree(points, np.ascontiguousarray(hierarchy[0, :, 3]), length)  # type: ignore[arg-type]  # OpenCV returns int32 arrays
 
 
 def likely_pairs(tree: Tree, geometry: LandmarkGeometry, min_side_px: float) -> NDArray[np.intp]:

@@ -291,7 +291,7 @@ class Px4Autopilot:
         def put() -> str:
             try:
                 # The plugin's blocking call: its coroutine would queue behind other calls in the loop's executor.
-                direct._plugin.send_message(message)  # noqa: SLF001
+                direct._plugin.send_message(message)  # noqa: SLF001  # there is no public blocking call
             except MavlinkDirectError as fault:
                 return str(fault.result.name)
             return ""

@@ -159,7 +159,7 @@ def _tag(source: np.random.Generator, family: int) -> Drawing:
 
 
 for _name, _family in FAMILIES.items():
-    kind(_name, Family.THING)(lambda source, family=_family: _tag(source, family))  # type: ignore[misc]
+    kind(_name, Family.THING)(lambda source, family=_family: _tag(source, family))  # type: ignore[misc]  # mypy can't infer the default argument
 
 
 @kind("nested-tag", Family.THING)

@@ -163,7 +163,7 @@ def _small_aruco() -> Any:
 @lru_cache
 def _apriltags(decimate: float) -> Any:
     """One for the whole process: its destructor reads the tag family after freeing it, so it is never destroyed."""
-    from pupil_apriltags import Detector as AprilTags  # type: ignore[import-untyped]
+    from pupil_apriltags import Detector as AprilTags  # type: ignore[import-untyped]  # it has no types, and only the bench has it
 
     detector = AprilTags(families="tag36h11", nthreads=1, quad_decimate=decimate)
     detector.tag_detector_ptr.contents.decode_sharpening = 0.25  # the library's default, which its binding cuts to 0

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import decoy_nests  # noqa: F401  (enters its kinds)
-import decoy_things  # noqa: F401
+import decoy_things  # noqa: F401  # enters its kinds
 import negative_ground
 import numpy as np
 import photos

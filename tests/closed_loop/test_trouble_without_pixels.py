@@ -163,8 +163,8 @@ def fly(script: Callable[[Flight], Awaitable[None]], motion: PadMotionConfig | N
                 autopilot=SimulatedAutopilot(world),
                 operator=flight.phone,
                 recorder=None,
-                detector=flight.eye,  # type: ignore[arg-type]
-                make_fix=flight.eye.fix,  # type: ignore[arg-type]
+                detector=flight.eye,  # type: ignore[arg-type]  # a stand-in
+                make_fix=flight.eye.fix,  # type: ignore[arg-type]  # a stand-in
                 clock=CLOCK,
                 compute=in_place,
             )

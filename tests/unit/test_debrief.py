@@ -14,7 +14,7 @@ from app.flying import Ended, Flown, Plan
 
 
 def plan(folder: Path | None) -> Plan:
-    return Plan("static", None, folder)  # type: ignore[arg-type]
+    return Plan("static", None, folder)  # type: ignore[arg-type]  # a stand-in
 
 
 def test_own_folder_is_made_and_kept_with_what_is_in_it(tmp_path):

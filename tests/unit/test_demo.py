@@ -114,7 +114,7 @@ def test_demo_replaces_what_an_earlier_one_left_and_nothing_else(flown, console,
 
 
 def test_drawings_of_a_plan_without_a_folder_are_none():
-    assert drawings_of(Plan("static", None, None)) == []  # type: ignore[arg-type]
+    assert drawings_of(Plan("static", None, None)) == []  # type: ignore[arg-type]  # a stand-in
 
 
 def test_table_has_a_column_for_each_experiment_in_the_units_of_people(console):

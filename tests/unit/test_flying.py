@@ -29,7 +29,7 @@ class Bench:
         rig = SimpleNamespace(
             config=SimpleNamespace(operator=SimpleNamespace(address="udpin://127.0.0.1:1"), simulator=None)
         )
-        self.plan = Plan("test", rig, None, **plan)  # type: ignore[arg-type]
+        self.plan = Plan("test", rig, None, **plan)  # type: ignore[arg-type]  # a stand-in
         self.reports: Topic[MissionReport] = Topic("reports")
         self.vehicle: Topic[VehicleState] = Topic("vehicle")
         self.asked_s: list[float] = []
@@ -72,7 +72,7 @@ def attend(monkeypatch):
             running = asyncio.create_task(asyncio.sleep(runs_s))
             acting = asyncio.create_task(scenario(bench))
             try:
-                ended = await flying._attend(bench.plan, running, bench.seen, bench)  # type: ignore[arg-type]
+                ended = await flying._attend(bench.plan, running, bench.seen, bench)  # type: ignore[arg-type]  # a stand-in
                 return ended, CLOCK.now_s()
             finally:
                 running.cancel()
@@ -207,7 +207,7 @@ def test_phone_that_is_still_speaking_is_ended_with_the_application(attend):
 async def test_signal_stops_the_application_and_is_remembered(number):
     stopped = asyncio.Event()
     before = signal.getsignal(number)
-    came = flying._stop_on_signals(SimpleNamespace(stop=stopped.set))  # type: ignore[arg-type]
+    came = flying._stop_on_signals(SimpleNamespace(stop=stopped.set))  # type: ignore[arg-type]  # a stand-in
     try:
         signal.raise_signal(number)
         async with asyncio.timeout(5.0):
@@ -222,7 +222,7 @@ async def test_signal_stops_the_application_and_is_remembered(number):
 async def test_terminal_that_hangs_up_is_outlived_where_that_was_asked_for():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        flying._stop_on_signals(SimpleNamespace(stop=None))  # type: ignore[arg-type]
+        flying._stop_on_signals(SimpleNamespace(stop=None))  # type: ignore[arg-type]  # a stand-in
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         for each in (signal.SIGINT, signal.SIGTERM):
@@ -232,5 +232,5 @@ async def test_terminal_that_hangs_up_is_outlived_where_that_was_asked_for():
 
 @pytest.mark.parametrize(("folder", "files"), [(None, (None, None)), (Path("a"), ("a/flight.mcap", "a/truth.jsonl"))])
 def test_plan_names_its_files_in_its_folder(folder, files):
-    plan = Plan("test", None, folder)  # type: ignore[arg-type]
+    plan = Plan("test", None, folder)  # type: ignore[arg-type]  # a stand-in
     assert (plan.record and str(plan.record), plan.truth and str(plan.truth)) == files

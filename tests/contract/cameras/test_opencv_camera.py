@@ -134,7 +134,7 @@ class Device:
         self._fixed |= set() if manual else {cv2.CAP_PROP_AUTO_EXPOSURE}
         self.set_after: list[tuple[int, float]] = []
 
-    def isOpened(self) -> bool:  # noqa: N802
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's own name
         return True
 
     def set(self, name: int, value: float) -> bool:

@@ -113,7 +113,7 @@ class FakePicamera2:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[FakePicamera2]]:
     module = ModuleType("picamera2")
-    module.Picamera2 = FakePicamera2  # type: ignore[attr-defined]
+    module.Picamera2 = FakePicamera2  # type: ignore[attr-defined]  # a stand-in
     monkeypatch.setitem(sys.modules, "picamera2", module)
     FakePicamera2.cameras = [{"Model": "imx219", "Num": 0, "Id": "/base/soc/i2c0mux/i2c@1/imx219@10"}]
     FakePicamera2.fault, FakePicamera2.frames, FakePicamera2.made = None, float("inf"), []

@@ -130,7 +130,7 @@ async def test_autopilot_states_after_a_stall_of_the_event_loop_are_true_at_thei
     asyncio.get_running_loop().call_later(0.005, stall)
     end_s = time.monotonic() + 0.8
     states: list[VehicleState] = []
-    await state_where(link, lambda s: states.append(s) or time.monotonic() > end_s)  # type: ignore[func-returns-value]
+    await state_where(link, lambda s: states.append(s) or time.monotonic() > end_s)  # type: ignore[func-returns-value]  # append returns None
     assert {s.local_position_ok for s in states} == {True}
     errors_m = [np.abs(s.pos_ned_m - autopilot.position_at(s.t_capture_s)).max() for s in states]
     assert max(errors_m) < 0.06

@@ -21,14 +21,14 @@ async def channel() -> AsyncIterator[SetpointChannel]:
 
 async def test_setpoint_fresh_is_put_once(channel: SetpointChannel) -> None:
     put: list[str] = []
-    await channel.send(lambda: put.append("a") or "", time.monotonic())  # type: ignore[func-returns-value]
+    await channel.send(lambda: put.append("a") or "", time.monotonic())  # type: ignore[func-returns-value]  # append returns None
     assert put == ["a"]
     assert (channel.sent, channel.dropped) == (1, 0)
 
 
 async def test_setpoint_old_is_not_put(channel: SetpointChannel) -> None:
     put: list[str] = []
-    await channel.send(lambda: put.append("a") or "", time.monotonic() - 0.21)  # type: ignore[func-returns-value]
+    await channel.send(lambda: put.append("a") or "", time.monotonic() - 0.21)  # type: ignore[func-returns-value]  # append returns None
     assert put == []
     assert (channel.sent, channel.dropped) == (0, 1)
 
@@ -44,11 +44,11 @@ async def test_setpoint_behind_one_that_blocks_is_dropped_and_the_caller_is_not_
     await channel.send(block, start_s)
     assert time.monotonic() - start_s < 1.0
     put: list[str] = []
-    await channel.send(lambda: put.append("b") or "", time.monotonic())  # type: ignore[func-returns-value]
+    await channel.send(lambda: put.append("b") or "", time.monotonic())  # type: ignore[func-returns-value]  # append returns None
     free.set()
     async with asyncio.timeout(5.0):
         while not put:  # until the thread is free again
-            await channel.send(lambda: put.append("c") or "", time.monotonic())  # type: ignore[func-returns-value]
+            await channel.send(lambda: put.append("c") or "", time.monotonic())  # type: ignore[func-returns-value]  # append returns None
             await asyncio.sleep(0)
     assert put == ["c"]
 

@@ -147,7 +147,7 @@ def test_track_is_the_batch_least_squares_solution(seed):
 def chi2_band(dof: int) -> tuple[float, float]:
     """The middle 95% of a chi-squared variable (Wilson and Hilferty, 1931)."""
     a = 2.0 / (9.0 * dof)
-    return tuple(dof * (1.0 - a + z * math.sqrt(a)) ** 3 for z in (-1.95996, 1.95996))  # type: ignore[return-value]
+    return tuple(dof * (1.0 - a + z * math.sqrt(a)) ** 3 for z in (-1.95996, 1.95996))  # type: ignore[return-value]  # a pair
 
 
 @pytest.mark.parametrize(("density", "sigma_m", "rate_hz"), [(1.0, 0.02, 30.0), (3.0, 0.1, 10.0), (0.3, 0.3, 30.0)])

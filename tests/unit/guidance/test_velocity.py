@@ -214,7 +214,7 @@ def test_landing_that_is_committed_goes_on_with_the_last_track_when_the_new_one_
 
 def test_landing_on_something_solid_is_contact_and_follows_no_error_any_more():
     steering, goal = committed()
-    beside = lambda t: vehicle(t, (0.3, 0.0, -0.1))  # noqa: E731
+    beside = lambda t: vehicle(t, (0.3, 0.0, -0.1))  # noqa: E731  # short enough to read where it is used
     turns = run(steering, goal, lambda t: pad(t), beside, seconds=3.0, from_s=100.02)
     setpoint, status = turns[-1]
     assert status.contact and status.contact_held_s > 1.0
@@ -228,8 +228,8 @@ def test_landing_that_sinks_towards_the_pad_is_no_contact_and_one_that_sinks_wit
     pad_sinks_m_s, vehicle_sinks_m_s, contact
 ):
     steering, goal = committed()
-    sinks = lambda t: vehicle(t, (0.0, 0.0, -0.2), (0.0, 0.0, vehicle_sinks_m_s))  # noqa: E731
-    deck = lambda t: pad(t, vel=(0.0, 0.0, pad_sinks_m_s))  # noqa: E731
+    sinks = lambda t: vehicle(t, (0.0, 0.0, -0.2), (0.0, 0.0, vehicle_sinks_m_s))  # noqa: E731  # short enough to read where it is used
+    deck = lambda t: pad(t, vel=(0.0, 0.0, pad_sinks_m_s))  # noqa: E731  # short enough to read where it is used
     assert run(steering, goal, deck, sinks, seconds=2.0, from_s=100.02)[-1][1].contact is contact
 
 
@@ -259,7 +259,7 @@ def test_next_flight_starts_from_what_the_vehicle_does_then():
 def test_silence_that_outlasts_px4s_patience_starts_from_the_vehicle(silence_s, expected_m_s):
     """3 m/s2 give 1.5 m/s after half a second. A silence of 0.1 s adds 0.3 m/s; one of a second begins from rest."""
     steering, goal = controller(), Goal(GoalKind.TRACK, 2.5, number=1)
-    far = lambda t: pad(t, (30.0, 0.0, 0.0))  # noqa: E731
+    far = lambda t: pad(t, (30.0, 0.0, 0.0))  # noqa: E731  # short enough to read where it is used
     before = run(steering, goal, far, lambda t: vehicle(t), seconds=0.5)[-1][0].vel_ned_m_s[0]
     assert before == pytest.approx(1.5)
     now_s = 100.48 + silence_s
@@ -269,7 +269,7 @@ def test_silence_that_outlasts_px4s_patience_starts_from_the_vehicle(silence_s, 
 
 def test_silence_on_the_pad_is_not_counted_as_standing_on_it():
     steering, goal = committed()
-    rests = lambda t: vehicle(t, (0.0, 0.0, -0.1))  # noqa: E731
+    rests = lambda t: vehicle(t, (0.0, 0.0, -0.1))  # noqa: E731  # short enough to read where it is used
     assert run(steering, goal, lambda t: pad(t), rests, seconds=1.5, from_s=100.02)[-1][1].contact
     assert not steering.step(goal, pad(109.0), rests(109.0), 109.0)[1].contact
 
@@ -319,7 +319,7 @@ def test_jump_of_the_frame_does_not_move_a_track_from_after_it():
 def test_jump_of_the_frame_moves_the_height_of_the_search_along():
     steering, goal = controller(), Goal(GoalKind.SEARCH, 4.0, np.zeros(3), number=1)
     run(steering, goal, None, lambda t: vehicle(t, (0.0, 0.0, -4.0)), seconds=0.2)
-    jumped = lambda t: vehicle(t, (0.0, 0.0, -9.0), frame_resets=1)  # noqa: E731
+    jumped = lambda t: vehicle(t, (0.0, 0.0, -9.0), frame_resets=1)  # noqa: E731  # short enough to read where it is used
     turns = run(steering, goal, None, jumped, seconds=1.0, from_s=100.2)
     assert max(abs(float(setpoint.vel_ned_m_s[2])) for setpoint, _ in turns) < 1e-9
 
@@ -364,7 +364,7 @@ def test_pad_that_drives_away_too_fast_is_told_after_a_second(kind, speed_m_s, t
 
 
 def test_speed_that_is_not_known_well_is_not_too_fast():
-    unsure = lambda t: replace(pad(t, vel=(9.0, 0.0, 0.0)), covariance=np.eye(6) * 0.5)  # noqa: E731
+    unsure = lambda t: replace(pad(t, vel=(9.0, 0.0, 0.0)), covariance=np.eye(6) * 0.5)  # noqa: E731  # short enough to read where it is used
     turns = run(controller(), Goal(GoalKind.TRACK, 2.5, number=1), unsure, vehicle, seconds=1.5)
     assert turns[-1][1].pad_too_fast_m_s is None
 

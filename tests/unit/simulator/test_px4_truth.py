@@ -80,7 +80,7 @@ class Px4:
         ):
             self.socket.sendto(message.pack(self.mav), self.address)
         self.now_s += late_s
-        self.scene.advance(self)  # type: ignore[arg-type]
+        self.scene.advance(self)  # type: ignore[arg-type]  # a stand-in
         self.now_s -= late_s
 
     def close(self) -> list[dict[str, Any]]:

@@ -72,7 +72,7 @@ class Bench:
                 autopilot=self.autopilot,
                 operator=self.operator,
                 recorder=self.recorder,
-                detector=self.detector,  # type: ignore[arg-type]
+                detector=self.detector,  # type: ignore[arg-type]  # a stand-in
                 make_fix=lambda detection, state: None,
                 clock=fakes.clock,
                 compute=in_place,
@@ -261,7 +261,7 @@ def test_setpoints_of_a_whole_flight_keep_their_period(fakes: Any):
 
 
 def test_camera_that_does_not_open_is_told_before_the_links_are_tried(fakes: Any):
-    class Closed(fakes.Camera):  # type: ignore[misc]
+    class Closed(fakes.Camera):  # type: ignore[misc]  # a class that a test makes
         async def __aenter__(self) -> Any:
             raise CameraError("no camera 7", "plug it in")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import decoy_nests  # noqa: F401  (enters its kinds)
-import decoy_things  # noqa: F401
+import decoy_things  # noqa: F401  # enters its kinds
 import numpy as np
 import pytest
 from decoys import (

@@ -210,13 +210,19 @@ def papered(scene, view, image, radius):
     return np.where(off_middle(scene, view, image) < radius, 255, image).astype(np.uint8)
 
 
-@pytest.mark.parametrize("height_m", [0.8, 1.6])
-def test_glare_over_the_inside_does_not_end_a_track_for_a_second(scene, height_m):
+def hidden_from_the_fourth(scene, height_m, hide, count):
+    """What a detector makes of frames of a moving pad whose inside is hidden from the fourth on."""
     seeing, found = detector(scene, scene.fisheye), []
-    for k in range(40):
+    for k in range(count):
         view = scene.view(height_m, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
         image = scene.draw(view, seed=k)
-        found.append(seeing.detect(frame(image if k < 3 else glaring(scene, view, image, 0.33), k)))
+        found.append(seeing.detect(frame(image if k < 3 else hide(scene, view, image, 0.33), k)))
+    return found
+
+
+@pytest.mark.parametrize("height_m", [0.8, 1.6])
+def test_glare_over_the_inside_does_not_end_a_track_for_a_second(scene, height_m):
+    found = hidden_from_the_fourth(scene, height_m, glaring, 40)
     assert [d.detected for d in found[:33]] == [True] * 33
     assert found[20].code == "44"
     # After a second of glare nothing vouches for the heading any more.
@@ -226,12 +232,8 @@ def test_glare_over_the_inside_does_not_end_a_track_for_a_second(scene, height_m
 @pytest.mark.parametrize("height_m", [0.8, 1.6])
 def test_white_paper_over_the_inside_ends_a_track(scene, height_m):
     """It looks like a glare, but that would light up the black round it too."""
-    seeing, found = detector(scene, scene.fisheye), []
-    for k in range(10):
-        view = scene.view(height_m, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
-        image = scene.draw(view, seed=k)
-        found.append(seeing.detect(frame(image if k < 3 else papered(scene, view, image, 0.33), k)).detected)
-    assert found == [True] * 3 + [False] * 7
+    found = hidden_from_the_fourth(scene, height_m, papered, 10)
+    assert [d.detected for d in found] == [True] * 3 + [False] * 7
 
 
 def test_glare_over_the_inside_of_what_was_not_seen_before_is_refused(scene):

@@ -1,0 +1,54 @@
+"""A glare over the landmark: the sun mirrored in glossy print saturates what lies inside, and the frame before vouches
+for it. White paper laid over the inside looks much the same, but lights up nothing round it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.vision.evidence import MIN_SHARE, check_edges
+from app.vision.geometry import PSF_SIGMA_PX
+from app.vision.patch import SATURATED_DN, View, near_view, rectify
+from app.vision.refine import EdgeFit
+
+BLINDED = 0.35
+"""Part of what lies inside the second contour that is saturated, and of what is drawn black there that is bright, from
+which the frame before vouches for it."""
+BLIND_POINTS = 30
+DRAWN_BLACK = 0.1
+DARK_MOST = 0.03
+"""Part of the white inside that may be dark in a glare."""
+RING_LIT = 0.2
+"""Brightest over darkest tenth of the ring round a glare, as a part of what there is up to saturation."""
+
+
+def is_blinded(fit: EdgeFit, view: View) -> bool:
+    """Whether the outer contours are there, but most of what lies inside is saturated."""
+    edges = fit.edges
+    if check_edges(edges) is not None or len(edges.in_view) < 3:
+        return False
+    if int(edges.confirmed[:2].sum()) < max(BLIND_POINTS, MIN_SHARE * int(edges.in_view[:2].sum())):
+        return False
+    near, matrix = near_view(view, fit.rays_from_pad, 2)
+    look = rectify(near, matrix)
+    if look.clipped is None:
+        return False
+    drawn, inside = near.geometry.template(PSF_SIGMA_PX / look.cell_px).white.ravel(), near.geometry.cells(None)
+    bright, drawn = (look.grey.ravel() > edges.level)[inside], drawn[inside]
+    hidden = (look.clipped | ~look.seen.ravel())[inside]
+    if float(hidden.mean()) <= BLINDED or float((hidden | bright)[drawn < DRAWN_BLACK].mean()) <= BLINDED:
+        return False
+    # Nothing makes print blacker; and a glare lights up some of the ring round it too, where white paper does not.
+    return float((hidden | bright)[drawn > 1.0 - DRAWN_BLACK].mean()) > 1.0 - DARK_MOST and _ring_is_lit(fit, view)
+
+
+def _ring_is_lit(fit: EdgeFit, view: View) -> bool:
+    """Whether the black between the two outer contours is much brighter in one place than in another."""
+    patch, geometry = rectify(view, fit.rays_from_pad), view.geometry
+    drawn = geometry.template(PSF_SIGMA_PX / patch.cell_px).white.ravel()
+    ring = geometry.inside(0).ravel() & ~geometry.inside(1).ravel() & (drawn < DRAWN_BLACK) & patch.seen.ravel()
+    grey = patch.grey.ravel()[ring]
+    if len(grey) < BLIND_POINTS:
+        return False
+    low, high = np.percentile(grey, (10.0, 90.0))
+    return float(high - low) > RING_LIT * (SATURATED_DN - float(low))
