@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.agreement import check_agreement
+from app.vision.agreement import MIN_AGREE, MIN_AGREE_WHOLE, check_agreement
 from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import (
@@ -52,13 +52,11 @@ FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX)
 FOLLOWED_SHARE = 0.8
 """With fewer of its edges found a fit may have settled beside it, and wider steps are due."""
 AGAIN_MIN = 0.95
-SAME = 0.985
+SAME = 0.99
 """Correlation of two looks, one frame apart, that show the same thing; noise alone takes 0.002 to 0.03 of it."""
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
-MIN_SHADED, MIN_SHADED_INSIDE = 0.88, 0.8
-"""Part of the cells that must be as drawn in their own light, of the whole and inside the second contour."""
 NEAR_MIN_PX = 24.0
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
@@ -69,6 +67,23 @@ RESOLVED = 0.75
 MIN_GAP_SEEN_PX = 1.0
 CONTOUR_SHARE = 0.5
 """A contour counts as found if this part of its edge points is confirmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Least:
+    """What a judgement place by place asks for.
+
+    Attributes:
+        agreeing: Part of the places that must agree with the drawing.
+        shaded: Part of the cells that must be as drawn in their own light.
+    """
+
+    agreeing: float
+    shaded: float
+
+
+WHOLE, INSIDE = Least(MIN_AGREE_WHOLE, 0.88), Least(MIN_AGREE, 0.8)
+"""Of the whole landmark, and of what lies inside the second contour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +235,7 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
     # A small one comes here when its picture as a whole failed: its few edges alone don't prove it.
     if side_px(patch) < (SMALL_PX if refused is None else IN_PLACES_MAX_PX):
         unproven = side_px(patch) >= NEAR_MIN_PX
-        proof = check_in_places(patch, geometry, MIN_SHADED, 2 if unproven and first is not None else None)
+        proof = check_in_places(patch, geometry, WHOLE, 2 if unproven and first is not None else None)
         refused, score = proof.rejection, proof.correlation
         first = 2
     elif first is not None and first == len(geometry.points_of) - 1:
@@ -229,7 +244,7 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
     if refused is None and unproven and first is not None:
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
-        refused = check_in_places(rectify(near, matrix), near.geometry, MIN_SHADED_INSIDE).rejection
+        refused = check_in_places(rectify(near, matrix), near.geometry, INSIDE).rejection
     if refused is not None:
         return refused
     proven = None if inside is None or inside.rejection is not None else first
@@ -285,12 +300,14 @@ def _found(fit: EdgeFit, score: float, look: Patch, view: View, proven: int | No
     )
 
 
-def check_in_places(patch: Patch, geometry: LandmarkGeometry, shaded: float, deepest: int | None = None) -> Proof:
-    """Whether a patch that a shadow or a cover may cross shows the drawing place by place, one way or the other."""
-    windows = check_agreement(patch, geometry, deepest)
-    if windows.rejection is None or windows.mimic:
+def check_in_places(patch: Patch, geometry: LandmarkGeometry, least: Least, deepest: int | None = None) -> Proof:
+    """Whether a patch that a shadow or a cover may cross shows the drawing place by place, in windows or, where these
+    can't tell it from a rival, cell by cell.
+    """
+    windows = check_agreement(patch, geometry, least.agreeing, deepest)
+    if windows.rejection is None or windows.mimic or windows.rejection.test < Refusal.INNER_CORRELATION:
         return windows
-    cells = check_shaded(patch, geometry, shaded, deepest)
+    cells = check_shaded(patch, geometry, least.shaded, deepest)
     if cells.rejection is None or cells.rejection.test > windows.rejection.test:
         return cells
     return windows

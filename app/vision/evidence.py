@@ -32,7 +32,8 @@ MIN_SHARE_IN_PLACES = 0.4
 """The same where the picture vouches place by place."""
 MIN_HEADING_SHARE = 0.5
 MIN_HEADING_POINTS = 8
-"""So many of the points on contours that look different when the landmark is turned, and this part of those in view."""
+"""So many of the points on contours that look different when the landmark is turned, and this part of those in view;
+and of those on slanted sides by themselves, where the landmark has any: the rest could be a square in a square."""
 CONTOUR_POINTS = 8
 CONTOUR_MISSING = 0.3
 NEIGHBOUR_WHOLE = 0.85
@@ -42,8 +43,10 @@ BENT_MAX = 0.08
 """What a lens that is not as its file says may bend the plane by."""
 ABSENT = 0.2
 SANDWICHED = 0.65
-"""Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one. And none
-is absent where all others together are whole."""
+"""Between neighbours that are whole so much of a contour must be there; also of the innermost in a whole one."""
+OUTERMOST_ALONE = 0.75
+"""And none is absent where all others together are whole; the outermost, that no cover hides alone, where they are by
+this part."""
 
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
@@ -141,7 +144,8 @@ def check_sandwiched(edges: Edges, geometry: LandmarkGeometry) -> Rejection | No
     for k in np.flatnonzero(edges.in_view >= 2 * CONTOUR_POINTS).tolist():
         others = int(edges.in_view.sum() - edges.in_view[k])
         confirmed = int(edges.confirmed.sum() - edges.confirmed[k])
-        if edges.confirmed[k] < ABSENT * edges.in_view[k] and confirmed > NEIGHBOUR_WHOLE * others > 0:
+        whole = NEIGHBOUR_WHOLE if k else OUTERMOST_ALONE
+        if edges.confirmed[k] < ABSENT * edges.in_view[k] and confirmed > whole * others > 0:
             return _not_there(k, 0 if k else 1, edges, geometry)
     return None
 
@@ -152,5 +156,9 @@ def heading_is_open(edges: Edges, geometry: LandmarkGeometry) -> Rejection | Non
     seen, confirmed = int(edges.in_view[turns].sum()), int(edges.confirmed[turns].sum())
     if confirmed < max(MIN_HEADING_POINTS, MIN_HEADING_SHARE * seen):
         text = f"heading open: {confirmed} of {seen} points that would tell are as drawn"
+        return Rejection(Refusal.HEADING, text)
+    slanted, there = edges.slanted_in_view, edges.slanted_confirmed
+    if geometry.point_slanted.any() and there < max(MIN_HEADING_POINTS, MIN_HEADING_SHARE * slanted):
+        text = f"could be squares alone: {there} of {slanted} points on slanted sides are as drawn"
         return Rejection(Refusal.HEADING, text)
     return None

@@ -18,6 +18,8 @@ from app.frames import Array
 from app.landmark import Contour, Landmark, Shape, gaps_m
 
 SAMPLES_PER_SIDE = 10
+SLANTED = 0.1
+"""Sine of the angle to either axis from which a side counts as slanted."""
 SIDE_MARGIN = 0.09
 """Part of a side at each end that is not looked at: corners are rounded by blur."""
 PATCH = 32
@@ -271,6 +273,7 @@ class LandmarkGeometry:
         patch_points: (PATCH * PATCH, 2) centres of the cells of the rectified patch, front row first, left to right.
         patch_nodes: (NODES * NODES, 2) points spread evenly over them, from the first cell's centre to the last's.
         between_nodes: (PATCH, NODES) weights that interpolate linearly from nodes to cells, along either axis.
+        point_slanted: (points,) whether a point lies on a side along neither axis: squares in squares have none.
     """
 
     def __init__(self, landmark: Landmark) -> None:
@@ -314,6 +317,7 @@ class LandmarkGeometry:
         self.unit_gaps: Array = np.repeat(self.gap_m / self.unit_m, SAMPLES_PER_SIDE)
         self.point_sign: Array = np.repeat(self.side_sign, SAMPLES_PER_SIDE)
         self.point_contour: NDArray[np.intp] = np.repeat(self.corner_contour, SAMPLES_PER_SIDE)
+        self.point_slanted: NDArray[np.bool_] = np.abs(self.unit_tangents).min(axis=1) > SLANTED
         self._templates: dict[int, Template] = {}
         self._rivals: dict[int, Rivals] = {}
         self._inners: dict[int, LandmarkGeometry] = {}

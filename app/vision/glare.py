@@ -4,6 +4,8 @@ for it. White paper laid over the inside looks much the same, but lights up noth
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from app.vision.evidence import MIN_SHARE, check_edges
@@ -20,6 +22,10 @@ DARK_MOST = 0.03
 """Part of the white inside that may be dark in a glare."""
 RING_LIT = 0.2
 """Brightest over darkest tenth of the ring round a glare, as a part of what there is up to saturation."""
+ZONE_SATURATED = 0.5
+"""Part of the quiet zone that is saturated from which the exposure may be to blame, not a glare: then the same holds
+between RING_PARTS parts of the ring."""
+RING_PARTS = 8
 
 
 def is_blinded(fit: EdgeFit, view: View) -> bool:
@@ -46,9 +52,19 @@ def _ring_is_lit(fit: EdgeFit, view: View) -> bool:
     """Whether the black between the two outer contours is much brighter in one place than in another."""
     patch, geometry = rectify(view, fit.rays_from_pad), view.geometry
     drawn = geometry.template(PSF_SIGMA_PX / patch.cell_px).white.ravel()
-    ring = geometry.inside(0).ravel() & ~geometry.inside(1).ravel() & (drawn < DRAWN_BLACK) & patch.seen.ravel()
-    grey = patch.grey.ravel()[ring]
-    if len(grey) < BLIND_POINTS:
+    outside, seen = ~geometry.inside(0).ravel(), patch.seen.ravel()
+    ring = ~outside & ~geometry.inside(1).ravel() & (drawn < DRAWN_BLACK) & seen
+    grey = patch.grey.ravel()
+    if int(ring.sum()) < BLIND_POINTS:
         return False
-    low, high = np.percentile(grey, (10.0, 90.0))
-    return float(high - low) > RING_LIT * (SATURATED_DN - float(low))
+    low, high = np.percentile(grey[ring], (10.0, 90.0))
+    if high - low <= RING_LIT * (SATURATED_DN - low):
+        return False
+    zone = outside & geometry.judged.ravel() & (drawn > 1.0 - DRAWN_BLACK) & seen
+    if patch.clipped is None or not zone.any() or float(patch.clipped[zone].mean()) < ZONE_SATURATED:
+        return True
+    # All white is saturated, and blur alone makes the ring's rims brighter, but on all sides alike.
+    forward, right = geometry.patch_points.T
+    part = (np.arctan2(right, forward) * (RING_PARTS / math.tau)).round().astype(int) % RING_PARTS
+    means = [float(grey[ring & (part == k)].mean()) for k in range(RING_PARTS) if (ring & (part == k)).any()]
+    return max(means) - min(means) > RING_LIT * (SATURATED_DN - min(means))

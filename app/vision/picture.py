@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.vision.align import uncensored
 from app.vision.evidence import MIN_CONTRAST
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Template
+from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Rivals, Template
 from app.vision.patch import Patch, side_px
 from app.vision.refusal import Refusal, Rejection
 
@@ -45,6 +45,13 @@ CLIPPED, CLIPPED_COSTS, CLIPPED_MOST = 0.3, 1.0, 0.35
 """The margin grows as well with the part of the picture that is saturated beyond this, which tells nothing."""
 MIMICS = 0.06
 """A rival that leaves less than this is what the picture shows."""
+CLEAR, CLEAR_PX = 0.95, 36.0
+"""So well explained a picture of so many pixels has no shadow or cover in it: a rival it could as well be is not proven
+wrong by looking place by place."""
+SATURATED = 0.25
+"""Part of the picture that is saturated from which rivals are fitted to what is left, each by itself; and how many."""
+NEAREST = 8
+BRIGHTEST_DN = 255.0
 MIN_CELLS = 24
 FLAT_PART = 0.03
 """What differs by less than this part of the contrast, root mean square, can't be told."""
@@ -177,7 +184,13 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
     structure = _structure(patch, cells, best.grey - best.model) / best.contrast
     clipped = 0.0 if patch.clipped is None else float(patch.clipped[cells].mean())
     margin = MARGIN + STRUCTURE_COSTS * max(0.0, structure - STRUCTURE)
-    margin += min(CLIPPED_MOST, CLIPPED_COSTS * max(0.0, clipped - CLIPPED))
+    unsure = min(CLIPPED_MOST, CLIPPED_COSTS * max(0.0, clipped - CLIPPED))
+    if part[k] < margin + unsure:
+        margin += unsure
+    elif clipped > SATURATED and best.correlation >= least:
+        for rival in {*np.argsort(part)[:NEAREST].tolist(), *np.flatnonzero(rivals.must_differ).tolist()} - {0}:
+            part[rival], same[rival] = _beside_saturation(patch, cells, best, rivals, rival)
+        k = int(part.argmin())
     if part[k] < margin:
         text = (
             f"could as well be the landmark {rivals.names[k]}: {part[k] * 100:.0f}% of the difference to expect, under "
@@ -189,6 +202,7 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
             mimic = other.contrast > 0.0 and off < MIMICS * other.contrast
         else:
             mimic = False
+        mimic |= best.correlation > CLEAR and side_px(patch) > CLEAR_PX and part[k] < MARGIN and not same[k]
         refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
         if best.correlation < least and not mimic:
             refusal = Refusal.CORRELATION
@@ -197,6 +211,21 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
         text = f"correlation with the drawn landmark {best.correlation:.3f}, under {least:.3f}"
         return Proof(Rejection(Refusal.CORRELATION, text), best.correlation)
     return Proof(None, best.correlation)
+
+
+def _beside_saturation(
+    patch: Patch, cells: NDArray[np.intp], best: Explained, rivals: Rivals, rival: int
+) -> tuple[float, bool]:
+    """How much better the landmark explains the cells than a rival does, as a part of what is to expect, each fitted to
+    what the saturation leaves; and whether it leaves too little to tell the two apart.
+    """
+    template, grey = rivals.templates[rival], patch.grey.ravel()[cells]
+    clipped = None if patch.clipped is None else patch.clipped[cells]
+    seen = np.minimum(best.model, BRIGHTEST_DN)
+    expected = explain(seen, template, cells, best.model >= BRIGHTEST_DN).left
+    if expected < len(cells) * (FLAT_PART * best.contrast) ** 2:
+        return (-math.inf if rivals.must_differ[rival] else math.inf), True
+    return (explain(grey, template, cells, clipped).left - best.left) / expected, False
 
 
 def _structure(patch: Patch, cells: NDArray[np.intp], off: Array) -> float:

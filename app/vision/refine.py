@@ -81,6 +81,8 @@ class Edges:
         step_px: Largest move of an edge in the last step.
         side_px: Side of the outermost contour in the image, about.
         bent: How far the pad's two axes are from right angles and equal lengths.
+        slanted_in_view: Of the points in view, those on sides that no square has (see LandmarkGeometry.point_slanted).
+        slanted_confirmed: Of these, the confirmed ones.
     """
 
     in_view: NDArray[np.intp]
@@ -91,6 +93,8 @@ class Edges:
     step_px: float
     side_px: float
     bent: float
+    slanted_in_view: int
+    slanted_confirmed: int
 
     @property
     def share(self) -> float:
@@ -144,6 +148,7 @@ class _Points:
         self.gap = geometry.unit_gaps[part]
         self.sign = geometry.point_sign[part]
         self.contour = geometry.point_contour[part]
+        self.slanted = geometry.point_slanted[part]
         self.slack = geometry.sides_m[self.contour] * (AGREES_PART / geometry.unit_m)
 
 
@@ -423,5 +428,7 @@ def fit_edges(
         moved,
         2.0 * lines.unit_px * (1.0 + 0.5 * float(solved.d[0] + solved.d[4])),
         float(np.abs(_rigidity(matrix)[1]).max()),
+        int(np.count_nonzero(measured.in_view & points.slanted)),
+        int(np.count_nonzero(good & points.slanted)),
     )
     return EdgeFit(matrix / scale, solved.information, edges)
