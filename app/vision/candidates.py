@@ -241,6 +241,11 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
     elif first is not None and first == len(geometry.points_of) - 1:
         # Edges show all contours: what partly covers the innermost is seen in its surroundings.
         first = max(2, first - 2)
+        if unproven and refused is None:
+            inside = _prove_inside(fit, first, view)
+            if inside is not None and inside.rejection is not None and inside.mimic:
+                return inside.rejection
+            unproven = inside is None or inside.rejection is not None
     if refused is None and unproven and first is not None:
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
@@ -279,9 +284,8 @@ def _prove_inside(fit: EdgeFit, first: int, view: View) -> Proof | None:
         return None
     near, matrix = near_view(view, fit.rays_from_pad, first)
     aligned = align(near, matrix, 2)
-    if aligned is None:
-        return Proof(Rejection(Refusal.INNER_CORRELATION, "the picture inside doesn't hold the drawing"), 0.0)
-    return check_picture(aligned.patch, near.geometry)
+    # Where most is saturated little holds the picture in place; the edges do.
+    return check_picture(rectify(near, matrix) if aligned is None else aligned.patch, near.geometry)
 
 
 def _found(fit: EdgeFit, score: float, look: Patch, view: View, proven: int | None = None) -> Found | Rejection:
