@@ -236,6 +236,17 @@ def test_white_paper_over_the_inside_ends_a_track(scene, height_m):
     assert [d.detected for d in found] == [True] * 3 + [False] * 7
 
 
+@pytest.mark.parametrize("gain", [1.8, 2.6])
+def test_overexposed_blank_in_the_place_of_the_inside_ends_a_track(scene, changed, gain):
+    """All white is saturated and blur makes the ring's rims brighter, as a glare would, but on all sides alike."""
+    seeing, found = detector(scene, scene.fisheye), []
+    for k in range(8):
+        view = scene.view(1.8, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
+        blank = {"polygons": changed(without=(2, 3, 4)), "gain": gain} if k > 2 else {}
+        found.append(seeing.detect(frame(scene.draw(view, seed=k, blur_px=1.3, **blank), k)))
+    assert [d.detected for d in found] == [True] * 3 + [False] * 5
+
+
 def test_glare_over_the_inside_of_what_was_not_seen_before_is_refused(scene):
     view = scene.view(0.8, forward_m=0.1, pad_yaw_deg=20)
     seeing = detector(scene, scene.fisheye)

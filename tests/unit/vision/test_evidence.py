@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from app.vision.agreement import check_agreement
+from app.vision.agreement import MIN_AGREE_WHOLE, check_agreement
 from app.vision.align import align
-from app.vision.candidates import confirm_large, confirm_small
+from app.vision.candidates import confirm_large, confirm_shaded, confirm_small
 from app.vision.evidence import check_contours, check_edges, check_sandwiched, heading_is_open
 from app.vision.patch import near_view, rectify, resemblance
 from app.vision.picture import check_picture
-from app.vision.refine import fit_edges
+from app.vision.refine import Edges, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.shading import check_shaded, local_levels
 
-T3, T4, S5 = 2, 3, 4
+S2, T3, T4, S5 = 1, 2, 3, 4
 REACHES_PX = (3.0, 2.5, 2.2)
 
 
@@ -140,6 +140,29 @@ def test_large_decoy_is_refused_from_the_true_map_on(scene, maps, changed, side_
     )
 
 
+def seen_edges(in_view, confirmed, slanted_in_view, slanted_confirmed):
+    counts = np.array(in_view), np.array(confirmed)
+    return Edges(*counts, 60.0, 90.0, 0.3, 0.1, 200.0, 0.01, slanted_in_view, slanted_confirmed)
+
+
+def test_edges_of_squares_alone_leave_the_heading_open(maps):
+    """The corner of a QR code, cut by the border: a side of its innermost square where a triangle's base is drawn."""
+    refused = heading_is_open(seen_edges([18, 18, 16, 0, 0], [18, 18, 12, 0, 0], 6, 2), maps.geometry)
+    assert refused.test is Refusal.HEADING
+    assert "2 of 6 points on slanted sides" in refused.text
+
+
+def test_edges_with_slanted_sides_tell_the_heading(maps):
+    assert heading_is_open(seen_edges([40, 40, 30, 0, 0], [40, 38, 24, 0, 0], 20, 16), maps.geometry) is None
+
+
+def test_outermost_that_is_absent_round_a_whole_inside_is_refused(maps):
+    """No cover hides all four sides of the outermost contour and leaves what lies inside."""
+    refused = check_sandwiched(seen_edges([40, 40, 30, 30, 40], [1, 20, 29, 30, 40], 40, 39), maps.geometry)
+    assert refused.test is Refusal.SIDES
+    assert refused.text.startswith("S1 is not as drawn (2% of its sides)")
+
+
 # --------------------------------------------------------------------------------------------------- place by place
 @pytest.mark.parametrize("side_px", [40, 80, 110])
 def test_places_of_the_landmark_agree(scene, maps, side_px):
@@ -208,6 +231,27 @@ def test_places_of_two_squares_are_refused_for_a_heading_that_is_open(scene, map
     assert "turned by" in refused.text or "inside is as drawn" in refused.text
 
 
+def with_another_second_square(scene, factor):
+    polygons = scene.polygons()
+    corners, grey = polygons[1 + S2]
+    return [*polygons[: 1 + S2], (corners * factor, grey), *polygons[2 + S2 :]]
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+@pytest.mark.parametrize("side_px", [34, 40, 48])
+def test_small_landmark_with_another_second_square_is_refused_place_by_place(scene, maps, side_px, factor):
+    view = at_side(scene, side_px)
+    image = scene.draw(view, polygons=with_another_second_square(scene, factor))
+    found = confirm_shaded(maps.true(view), maps.look_at(image, scene.fisheye))
+    assert isinstance(found, Rejection)
+
+
+def test_places_that_agree_by_half_are_too_few_for_the_whole(scene, maps, changed):
+    decoy = places(maps, scene, 60, polygons=changed(without=(T3, T4, S5)), light=lambda p: 1.0 + 2.0 * (p[..., 0] > 0))
+    refused = check_agreement(decoy, maps.geometry, MIN_AGREE_WHOLE).rejection
+    assert refused is not None
+
+
 def test_levels_keep_to_their_side_of_a_shadows_edge():
     """A board of black and white squares of three cells, lit on the left by 1, on the right by 0.4."""
     row, column = np.indices((32, 32))
@@ -250,3 +294,15 @@ def test_looks_at_other_drawings_do_not_resemble_the_landmark(scene, maps, chang
     before, _ = inside(maps, scene, 80)
     now, _ = inside(maps, scene, 80, polygons=changed(**drawn))
     assert resemblance(before, now) < 0.9
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("gain", [2.4, 5.0])
+@pytest.mark.parametrize("side_px", [22, 26, 34])
+def test_picture_whose_white_is_saturated_is_not_taken_for_a_turned_one(scene, maps, side_px, gain, quarters):
+    """What is saturated says no more than that: nothing of a heading."""
+    view = at_side(scene, side_px)
+    found = align(
+        maps.look_at(scene.draw(view, gain=gain, blur_px=1.2), scene.fisheye), maps.true(view) @ turn(quarters)
+    )
+    assert found is None or check_picture(found.patch, maps.geometry).rejection is not None
