@@ -1,7 +1,7 @@
 """Flat pictures that lie in the scene at a height of their own: shadows, the van's panels, the lane's line.
 
-A decal holds (reflectance times alpha, alpha), so that what is under it shows where alpha is less than 1 and its rim
-is anti-aliased; and smaller copies of itself for the distance.
+A decal holds (reflectance times alpha, what it lets through), so that what is under it shows where alpha is less than
+1 and its rim is anti-aliased; and smaller copies of itself for the distance.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ WHITE = 0.78
 
 
 FULL = 65535.0
-"""A whole in a decal's 16 bits: half the memory of floats, and the warping of it half the work."""
+"""A whole in a decal's 16 bits: half the memory of floats."""
+CHANNELS = 4
+"""Two are used: OpenCV warps four in little more time than one, and two in three times as much."""
 Texels = NDArray[np.uint16]
 
 
@@ -30,8 +32,9 @@ class Decal:
     """A picture with its scale.
 
     Attributes:
-        levels: (rows, columns, 2): reflectance times alpha, and alpha, of FULL; each half the size of the one before;
-            first row: front, first column: left. (rows, columns): alpha of what is black throughout (a shadow).
+        levels: (rows, columns, CHANNELS): reflectance times alpha, and 1 - alpha, of FULL; each half the size of the
+            one before; first row: front, first column: left. (rows, columns): 1 - alpha of what is black throughout (a
+            shadow).
         texel_m: Of the first level.
         front_m: Where the front edge of the first row is, along the forward axis of the decal's frame.
         left_m: Where the left edge of the first column is, along the right axis (negative: to the left).
@@ -70,7 +73,8 @@ def decal(value: Plane | None, alpha: Plane, texel_m: float, front_m: float, lef
     """A decal of a reflectance (None: a shadow) and an alpha (rows, columns), with its smaller copies."""
     rows, columns = alpha.shape
     corners = rectangle(front_m, left_m + columns * texel_m, front_m - rows * texel_m, left_m)
-    picture = alpha if value is None else np.dstack([value * alpha, alpha])
+    clear = 1.0 - alpha
+    picture = clear if value is None else np.dstack([value * alpha, clear, *(2 * [np.zeros_like(alpha)])])
     return Decal(_levels(picture.astype(np.float32)), texel_m, front_m, left_m, outline(corners))
 
 

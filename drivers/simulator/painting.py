@@ -50,14 +50,15 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
         scale = _linear(depth, north, east)
         cv2.divide(u, scale, dst=u)
         cv2.divide(v, scale, dst=v)
-    drawn = cv2.remap(picture.levels[level], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    beside = (FULL,) if picture.is_shadow else (0.0, FULL)
+    drawn = cv2.remap(picture.levels[level], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=beside)
     if factor > 1:
         drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
     under = light[v0:v1, u0:u1]
-    alpha = drawn if picture.is_shadow else cv2.extractChannel(drawn, 1)
-    under *= np.float32(1.0) - alpha * np.float32(1.0 / FULL)
+    clear = drawn if picture.is_shadow else cv2.extractChannel(drawn, 1)
+    cv2.multiply(under, clear, dst=under, scale=1.0 / FULL, dtype=cv2.CV_32F)
     if not picture.is_shadow:
-        under += cv2.extractChannel(drawn, 0) * np.float32(1.0 / FULL)
+        cv2.addWeighted(under, 1.0, cv2.extractChannel(drawn, 0), 1.0 / FULL, 0.0, dst=under, dtype=cv2.CV_32F)
 
 
 def lay_print(light: Plane, camera: Camera, view: View, layers: tuple[Layer, ...], place: Place) -> None:

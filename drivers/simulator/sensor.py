@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.messages import Image
 from drivers.simulator.shutter import Exposure, Shot
 from drivers.simulator.textures import Plane
 
-LENS_BLUR_PX = 0.55
+LENS_BLUR_PX, BLUR_TAPS = 0.55, 5
 FULL_SCALE_S = 0.4e-3
 """Exposure at gain 1 that brings a surface which throws back all of noon's light just to saturation: white paper is
 well exposed at 0.3 ms, as with common small sensors behind an f/2 lens."""
@@ -50,6 +51,7 @@ class Sensor:
         self._noise: Plane = (
             noise_dn * self._source.standard_normal((height + NOISE_MARGIN, width + NOISE_MARGIN))
         ).astype(np.float32)
+        self._blur = cv2.getGaussianKernel(BLUR_TAPS, LENS_BLUR_PX)
         self._auto_exposure_s = auto_exposure_s
         self._auto: float | None = None
         self._work: Plane = np.empty((height, width), dtype=np.float32)
@@ -73,12 +75,11 @@ class Sensor:
             exposure = Exposure(self._auto_exposure_s, total * FULL_SCALE_S / self._auto_exposure_s)
         else:
             exposure, total = told, told.exposure_s * told.gain / FULL_SCALE_S
-        cv2.GaussianBlur(light, (5, 5), LENS_BLUR_PX, dst=work)
-        np.multiply(work, np.float32(level * total * 255.0 * 255.0), out=work)
+        # The lens's blur and the exposure in one: what both directions' taps sum to is the scale.
+        taps = math.sqrt(level * total) * 255.0 * self._blur
+        cv2.sepFilter2D(light, cv2.CV_32F, taps, taps, dst=work)
         cv2.sqrt(work, dst=work)
-        self._add_noise(work, exposure.gain)
-        np.clip(work, 0.0, 255.0, out=work)
-        return Shot(np.asarray(cv2.convertScaleAbs(work), dtype=np.uint8), exposure)
+        return Shot(self._with_noise(work, exposure.gain), exposure)
 
     def _automatic(self, light: Plane, level: float) -> float:
         """What the automatic exposure comes to, in FULL_SCALE_S; it goes on settling while it isn't used."""
@@ -89,9 +90,11 @@ class Sensor:
         self._auto = wanted if self._auto is None else self._auto * (wanted / self._auto) ** SETTLING
         return self._auto
 
-    def _add_noise(self, work: Plane, gain: float) -> None:
+    def _with_noise(self, work: Plane, gain: float) -> Image:
+        """Grey levels with noise, rounded and held within 8 bits."""
         height, width = work.shape
         row, column = (int(v) for v in self._source.integers(0, NOISE_MARGIN, 2))
         noise: NDArray[np.float32] = self._noise[row : row + height, column : column + width]
         sign = 1.0 if self._source.integers(2) else -1.0
-        cv2.scaleAdd(noise, sign * math.sqrt(max(1.0, gain)), work, dst=work)
+        strength = sign * math.sqrt(max(1.0, gain))
+        return np.asarray(cv2.addWeighted(work, 1.0, noise, strength, 0.0, dtype=cv2.CV_8U), dtype=np.uint8)
