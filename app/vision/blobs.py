@@ -39,26 +39,23 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
     reduction = prepared.reduction
     grown = view.geometry.landmark.quiet_zone_m / view.geometry.size_m
     low, high = 2.6 * SIDES_PX[0] / reduction, 4.4 * SIDES_PX[1] * grown / reduction
-    black = tree.black_inside
-    boxes: list[Array] = []
     least = MIN_FILLED * (SIDES_PX[0] / reduction) ** 2
-    for k, area in _compact(tree, np.flatnonzero((tree.length >= low) & (tree.length <= high)), least):
-        points = tree.points[k]
-        quad = _quadrangle(points, area)
-        if quad is None:
-            continue
-        # A contour runs through the middles of black pixels; a bright one is the quiet zone.
-        middle = quad.mean(axis=0)
-        arm = quad - middle
-        reach = float(np.sqrt((arm * arm).sum(axis=1)).mean())
-        arm *= (1.0 + math.sqrt(0.5) / reach) if black[k] else (1.0 - math.sqrt(0.5) / reach) / grown
-        sides = np.sqrt(((arm - np.roll(arm, 1, axis=0)) ** 2).sum(axis=1))
-        if float(sides.min()) * reduction < SIDES_PX[0] or float(sides.max()) * reduction > SIDES_PX[1]:
-            continue
-        boxes.append(middle + arm)
-        if len(boxes) == MAX_BLOBS:
-            break
-    return prepared.to_frame(np.stack(boxes)) if boxes else np.zeros((0, 4, 2))
+    found = [
+        (quad, k)
+        for k, area in _compact(tree, np.flatnonzero((tree.length >= low) & (tree.length <= high)), least)
+        if (quad := _quadrangle(tree.points[k], area)) is not None
+    ]
+    if not found:
+        return np.zeros((0, 4, 2))
+    quads, black = np.stack([quad for quad, _ in found]), tree.black_inside[[k for _, k in found]]
+    middle = quads.mean(axis=1, keepdims=True)
+    arm = quads - middle
+    # A contour runs through the middles of black pixels; a bright one is the quiet zone.
+    edge = math.sqrt(0.5) / np.sqrt((arm * arm).sum(axis=2)).mean(axis=1)
+    arm *= np.where(black, 1.0 + edge, (1.0 - edge) / grown)[:, None, None]
+    sides = np.sqrt(((arm - arm[:, [3, 0, 1, 2]]) ** 2).sum(axis=2)) * reduction
+    fits = (sides.min(axis=1) >= SIDES_PX[0]) & (sides.max(axis=1) <= SIDES_PX[1])
+    return prepared.to_frame((middle + arm)[fits][:MAX_BLOBS])
 
 
 def _compact(tree: Tree, nodes: NDArray[np.intp], least: float) -> list[tuple[int, float]]:

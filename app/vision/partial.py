@@ -85,7 +85,7 @@ def _polygon(
     if len(simple) < 3:
         return None
     # approxPolyDP returns points of its input: their places tell the rays.
-    index = (np.abs(plane[None] - simple[:, None]).sum(axis=2)).argmin(axis=1)
+    index = (_as_numbers(simple)[:, None] == _as_numbers(plane)).argmax(axis=1)
     corner_rays = rays[index]
     if float(corner_rays[:, 2].min()) < WIDEST:
         return None
@@ -95,38 +95,46 @@ def _polygon(
     return corner_rays[:, :2] / corner_rays[:, 2:], px[index], border
 
 
+def _as_numbers(points: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """(n,) points (n, 2) as complex numbers: compared at once."""
+    result: NDArray[np.complex64] = np.ascontiguousarray(points).view(np.complex64)[:, 0]
+    return result
+
+
 def _sides(corners: Array, px: Array, border: NDArray[np.bool_], black: bool) -> Iterator[Side]:
     """Sides of one closed polygon whose two corners turn the same way."""
+    n = len(corners)
+    after = np.arange(1, n + 1) % n
     x, y = corners[:, 0], corners[:, 1]
-    if float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) < 0:
+    if float(x @ y[after] - x[after] @ y) < 0:
         # Clockwise as seen, u to the right and v down.
         corners, px, border = corners[::-1], px[::-1], border[::-1]
-    n = len(corners)
-    edge = np.roll(corners, -1, axis=0) - corners
-    length = np.sqrt((edge * edge).sum(axis=1))
-    before = np.roll(edge, 1, axis=0)
-    turn = before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
+    step = px[after] - px
+    length_px: list[float] = np.sqrt((step * step).sum(axis=1)).tolist()
+    if max(length_px) < SIDE_MIN_PX:
+        return
+    edge = corners[after] - corners
+    length: list[float] = np.sqrt((edge * edge).sum(axis=1)).tolist()
+    before = edge[after - 2]
+    bend = before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
     dot = (before * edge).sum(axis=1)
-    angle = 180.0 - np.degrees(np.abs(np.arctan2(turn, dot)))
-    step = np.roll(px, -1, axis=0) - px
-    length_px = np.sqrt((step * step).sum(axis=1))
-    for k in range(n):
-        p, q, end, begin = k, (k + 1) % n, (k + 2) % n, (k - 1) % n
-        if border[p] or border[q] or (turn[p] > 0) != (turn[q] > 0) or length_px[k] < SIDE_MIN_PX:
+    angle: list[float] = (180.0 - np.degrees(np.abs(np.arctan2(bend, dot)))).tolist()
+    inward: list[bool] = (bend > 0).tolist()
+    cut: list[bool] = border.tolist()
+    for p in range(n):
+        q, end, begin = (p + 1) % n, (p + 2) % n, (p - 1) % n
+        if cut[p] or cut[q] or inward[p] != inward[q] or length_px[p] < SIDE_MIN_PX:
             continue
-        if min(length[begin], length[q]) < ARM_PART * length[k]:
+        if min(length[begin], length[q]) < ARM_PART * length[p]:
             continue
-        mean = 0.5 * float(angle[p] + angle[q])
-        whole = (
-            bool(not border[begin] and (turn[begin] > 0) == (turn[p] > 0)),
-            bool(not border[end] and (turn[end] > 0) == (turn[p] > 0)),
-        )
+        mean = 0.5 * (angle[p] + angle[q])
+        whole = (not cut[begin] and inward[begin] == inward[p], not cut[end] and inward[end] == inward[p])
         order = [begin, p, q, end]
-        if turn[p] > 0:
-            yield Side(corners[order], whole, black, mean, float(length_px[k]), px[order])
+        if inward[p]:
+            yield Side(corners[order], whole, black, mean, length_px[p], px[order])
         else:
             # The other colour lies inside, and clockwise about it is the other way round.
-            yield Side(corners[order[::-1]], whole[::-1], not black, mean, float(length_px[k]), px[order[::-1]])
+            yield Side(corners[order[::-1]], whole[::-1], not black, mean, length_px[p], px[order[::-1]])
 
 
 def sides(tree: Tree, prepared: Prepared, view: View) -> list[Side]:
