@@ -141,7 +141,9 @@ class Feet:
                 second[0] * rn + second[1] * re + second[2] * rd,
             )
             pf, ps = self._friction(bristle, *slide, FRICTION * normal, dt)
-            pn, pe, pd = (first[k] * pf + second[k] * ps - into[k] * normal for k in range(3))
+            pn = first[0] * pf + second[0] * ps - into[0] * normal
+            pe = first[1] * pf + second[1] * ps - into[1] * normal
+            pd = first[2] * pf + second[2] * ps - into[2] * normal
             # The force in the body's axes, then arm x force.
             gx = m[0] * pn + m[3] * pe + m[6] * pd
             gy = m[1] * pn + m[4] * pe + m[7] * pd

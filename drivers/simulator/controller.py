@@ -98,7 +98,8 @@ class PositionController:
     @property
     def collective(self) -> float:
         """Size of the demanded thrust."""
-        return math.sqrt(sum(part * part for part in self.thrust))
+        n, e, d = self.thrust
+        return math.sqrt(n * n + e * e + d * d)
 
     def reset(self) -> None:
         """Forget the integrals (PX4 does so on the ground)."""

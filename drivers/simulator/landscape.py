@@ -58,18 +58,17 @@ class Landscape:
         """What the fine texture is multiplied by, and what is added where it can't be seen, on coarse pixels."""
         textures, part = self._textures, slice(COARSE // 2, None, COARSE)
         slopes = tuple(np.ascontiguousarray(plane[part, part]) for plane in (view.north, view.east))
-        broad = np.full(slopes[0].shape, textures.reflectance, dtype=np.float32)
-        at = (np.empty_like(broad), np.empty_like(broad))
+        at = (np.empty_like(slopes[0]), np.empty_like(slopes[0]))
+        drawn = []
         for tile, size_m, turn in ((textures.patches, PATCH_M, PATCH_TURN_RAD), (textures.land, LAND_M, LAND_TURN_RAD)):
             _fold(slopes, at, view.position, height_m, (size_m, tile.shape[0] - SEAM_PX, turn))
-            drawn = cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            broad *= np.asarray(drawn, dtype=np.float32)
-        slant = 1.0 + slopes[0] ** 2 + slopes[1] ** 2
-        detail = np.clip(DETAIL_STRETCH / slant, 0.0, 1.0)
+            drawn.append(cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        slant = 1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1]
         haze = np.clip((slant - HAZE_FROM) / (HAZE_TO - HAZE_FROM), 0.0, 1.0)
-        gain = broad * detail * (1.0 - haze)
-        lift = broad * (1.0 - detail) * (1.0 - haze) + SKY * haze
-        return gain.astype(np.float32), lift.astype(np.float32)
+        broad = cv2.multiply(drawn[0], drawn[1], scale=textures.reflectance) * (1.0 - haze)
+        gain = broad * np.minimum(DETAIL_STRETCH / slant, 1.0)
+        lift = broad - gain + SKY * haze
+        return np.asarray(gain, dtype=np.float32), np.asarray(lift, dtype=np.float32)
 
 
 def _fold(

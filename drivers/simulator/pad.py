@@ -94,8 +94,12 @@ class PadState:
     def on_deck_m(self, north_m: float, east_m: float, down_m: float) -> tuple[float, float, float]:
         """(forward, right, down) of a point relative to the pad's centre, in the deck's own axes."""
         dn, de, dd = north_m - self.north_m, east_m - self.east_m, down_m - self.down_m
-        forward, right, down = ((a[0] * dn + a[1] * de + a[2] * dd) for a in self.axes)
-        return forward, right, down
+        f, r, d = self.axes
+        return (
+            f[0] * dn + f[1] * de + f[2] * dd,
+            r[0] * dn + r[1] * de + r[2] * dd,
+            d[0] * dn + d[1] * de + d[2] * dd,
+        )
 
     def surface_down_m(self, north_m: float, east_m: float) -> float:
         """Down of the deck's plane over or under a place."""

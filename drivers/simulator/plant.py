@@ -201,15 +201,12 @@ class Plant:
         damping = frame.angular_damping_n_m_s
         # Differences of thrust can't exceed the thrust itself: full authority from 30% of hover upward.
         authority = min(1.0, self._thrust_n / (0.3 * frame.hover_thrust * frame.thrust_max_n))
-        torque = []
-        for wanted, rate, inertia, limit in zip(
-            self._rates,
-            (body.p, body.q, body.r),
-            frame.inertia_kg_m2,
-            frame.angular_acceleration_max_rad_s2,
-            strict=True,
-        ):
+        lag_s = frame.rate_lag_s
+
+        def torque(wanted: float, rate: float, inertia: float, limit: float) -> float:
             reach = limit * authority
-            acceleration = max(-reach, min(reach, (wanted - rate) / frame.rate_lag_s))
-            torque.append(acceleration * inertia - damping * rate)
-        return torque[0], torque[1], torque[2]
+            return max(-reach, min(reach, (wanted - rate) / lag_s)) * inertia - damping * rate
+
+        (p, q, r), (ix, iy, iz) = self._rates, frame.inertia_kg_m2
+        limit_p, limit_q, limit_r = frame.angular_acceleration_max_rad_s2
+        return torque(p, body.p, ix, limit_p), torque(q, body.q, iy, limit_q), torque(r, body.r, iz, limit_r)
