@@ -203,7 +203,7 @@ class EquidistantLens(_Sensor):
 
     def project_with_jacobian(self, points_cam: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See Lens."""
-        x, y, z = points_cam.T
+        x, y, z = np.ascontiguousarray(points_cam.T)
         rho2 = x * x + y * y
         n2 = rho2 + z * z
         small = rho2 < 1e-16

@@ -118,18 +118,18 @@ class EdgeFit:
 
 
 def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Where profiles (n, STEPS) that rise from black to white cross a level (n,), in -1..1, nearest to the middle, and
+    """Where profiles (STEPS, n) that rise from black to white cross a level (n,), in -1..1, nearest to the middle, and
     whether they do.
     """
-    below = rising < level[:, None]
-    crosses = below[:, :-1] & ~below[:, 1:]
+    below = rising < level
+    crosses = below[:-1] & ~below[1:]
     # The crossing nearest to the middle: intervals in the order of their distance from it.
-    order = crosses[:, _NEAREST]
-    first = order.argmax(axis=1)
-    rows = np.arange(len(rising))
-    found = order[rows, first]
+    order = crosses[_NEAREST]
+    first = order.argmax(axis=0)
+    columns = np.arange(len(level))
+    found = order[first, columns]
     at = _NEAREST[first]
-    before, after = rising[rows, at], rising[rows, at + 1]
+    before, after = rising[at, columns], rising[at + 1, columns]
     rise = np.where(found, after - before, 1.0)
     where = _S[at] + (level - before) / rise * (2.0 / (STEPS - 1))
     return where, found
@@ -178,15 +178,15 @@ def _lines(view: tuple[int, int], matrix: Array, points: _Points, lens: Lens) ->
     px, slope, valid = lens.project_with_jacobian(points.unit @ matrix.T)
     if not valid.all():
         px, slope = np.where(valid[:, None], px, FAR_OUT_PX), np.where(valid[:, None, None], slope, 1.0)
-    plane = slope @ matrix[:, :2]
-    along = (plane @ points.tangent[:, :, None])[:, :, 0]
-    length = np.sqrt((along * along).sum(axis=1))
+    plane = (slope.reshape(-1, 3) @ matrix[:, :2]).reshape(-1, 2, 2)
+    along = plane[:, :, 0] * points.tangent[:, :1] + plane[:, :, 1] * points.tangent[:, 1:]
+    length = np.sqrt(along[:, 0] * along[:, 0] + along[:, 1] * along[:, 1])
     normal = np.empty_like(along)
     with np.errstate(invalid="ignore", divide="ignore"):
         normal[:, 0], normal[:, 1] = along[:, 1] / length, -along[:, 0] / length
         area = np.abs(plane[:, 0, 0] * plane[:, 1, 1] - plane[:, 0, 1] * plane[:, 1, 0])
         room = area / length * points.gap * ROOM_PART
-    by_ray = (normal[:, None] @ slope)[:, 0] @ matrix
+    by_ray = (normal[:, :1] * slope[:, 0] + normal[:, 1:] * slope[:, 1]) @ matrix
     jacobian = (by_ray[:, :, None] * points.unit[:, None, :]).reshape(-1, 9)
     jacobian[:, 8] = points.sign
     unit_px = 0.0
@@ -226,14 +226,15 @@ def _measure(image: Image, lines: _Lines, shift: Array | None, points: _Points, 
     centre = lines.px if shift is None else lines.px + lines.normal * shift[:, None]
     at = centre.astype(np.float32)
     across = (lines.normal * reach[:, None]).astype(np.float32)
-    end = np.abs(across)
     half = np.array([0.5 * (width - 1), 0.5 * (height - 1)], dtype=np.float32)
-    in_view = lines.valid & (np.abs(at - half) + end <= half).all(axis=1)
-    u = at[:, :1] + across[:, :1] * _S32
-    v = at[:, 1:] + across[:, 1:] * _S32
+    inside = np.abs(at - half) + np.abs(across) <= half
+    in_view = lines.valid & inside[:, 0] & inside[:, 1]
+    # One step outward of all sides after the other: numpy reduces such rows ten times as fast as short columns.
+    u = at[:, 0] + _S32[:, None] * across[:, 0]
+    v = at[:, 1] + _S32[:, None] * across[:, 1]
     grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    rising = grey * points.sign[:, None]
-    low, high = rising[:, : _HALF + 1].min(axis=1), rising[:, _HALF:].max(axis=1)
+    rising = grey * points.sign
+    low, high = rising[: _HALF + 1].min(axis=0), rising[_HALF:].max(axis=0)
     contrast = high - low
     level = 0.5 * (low + high)
     wide = lines.room >= WIDE_PX
@@ -245,7 +246,7 @@ def _measure(image: Image, lines: _Lines, shift: Array | None, points: _Points, 
             held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
             level = np.where(wide, level, held)
     where, crosses = _crossings(rising, level)
-    step = rising @ _BOTH_SIDES
+    step = _BOTH_SIDES @ rising
     step_part = STEP_PART if reach_px <= FINE_REACH_PX else FAR_STEP_PART
     found = in_view & crosses & (contrast >= MIN_CONTRAST) & (step >= step_part * contrast)
     if found.any():
@@ -329,7 +330,7 @@ def _solve(
         held[6, 6] += hold
         held[7, 7] += hold
         held[8, 8] += (scatter / BIAS_SIGMA_PX) ** 2
-        held.flat[::10] += 1e-9 * count
+        held.reshape(-1)[::10] += 1e-9 * count
         firm = (scatter / RIGID_SIGMA) ** 2
         held[:8, :8] += firm * stiff
         side[:8] -= firm * stiff_side
