@@ -81,7 +81,7 @@ def _polygon(
         return None
     plane = (flat[:, :2] * (view.lens.focal_px / prepared.reduction / flat[:, 2:])).astype(np.float32)
     tolerance = max(TOLERANCE * cv2.arcLength(plane, True), TOLERANCE_MIN_PX)
-    simple = cv2.approxPolyDP(plane.reshape(-1, 1, 2), tolerance, True).reshape(-1, 2)
+    simple = np.asarray(cv2.approxPolyDP(plane.reshape(-1, 1, 2), tolerance, True), dtype=np.float32).reshape(-1, 2)
     if len(simple) < 3:
         return None
     # approxPolyDP returns points of its input: their places tell the rays.
