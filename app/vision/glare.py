@@ -18,6 +18,8 @@ BLINDED = 0.35
 which the frame before vouches for it."""
 BLIND_POINTS = 30
 DRAWN_BLACK = 0.1
+BLIND_CELLS = 16
+"""Cells drawn black inside, below which blur leaves too little black to be missed."""
 DARK_MOST = 0.03
 """Part of the white inside that may be dark in a glare."""
 RING_LIT = 0.2
@@ -42,7 +44,10 @@ def is_blinded(fit: EdgeFit, view: View) -> bool:
     drawn, inside = near.geometry.template(PSF_SIGMA_PX / look.cell_px).white.ravel(), near.geometry.cells(None)
     bright, drawn = (look.grey.ravel() > edges.level)[inside], drawn[inside]
     hidden = (look.clipped | ~look.seen.ravel())[inside]
-    if float(hidden.mean()) <= BLINDED or float((hidden | bright)[drawn < DRAWN_BLACK].mean()) <= BLINDED:
+    black = drawn < DRAWN_BLACK
+    if int(black.sum()) < BLIND_CELLS or float(hidden.mean()) <= BLINDED:
+        return False
+    if float((hidden | bright)[black].mean()) <= BLINDED:
         return False
     # Nothing makes print blacker; and a glare lights up some of the ring round it too, where white paper does not.
     return float((hidden | bright)[drawn > 1.0 - DRAWN_BLACK].mean()) > 1.0 - DARK_MOST and _ring_is_lit(fit, view)

@@ -247,6 +247,17 @@ def test_overexposed_blank_in_the_place_of_the_inside_ends_a_track(scene, change
     assert [d.detected for d in found] == [True] * 3 + [False] * 5
 
 
+@pytest.mark.parametrize("height_m", [2.2, 2.5])
+def test_blank_that_shines_in_the_place_of_a_small_landmarks_inside_ends_its_track(scene, changed, height_m):
+    """33 and 37 px: with its lines blurred away, little tells a landmark under a glare from a blank under one."""
+    seeing, found = detector(scene, scene.fisheye), []
+    for k in range(8):
+        view = scene.view(height_m, forward_m=0.1, right_m=0.002 * k, pad_yaw_deg=20)
+        image = scene.draw(view, seed=k, blur_px=1.1, **({"polygons": changed(without=(2, 3, 4))} if k > 2 else {}))
+        found.append(seeing.detect(frame(image if k < 3 else glaring(scene, view, image, 0.4), k)))
+    assert [d.detected for d in found] == [True] * 3 + [False] * 5
+
+
 def test_glare_over_the_inside_of_what_was_not_seen_before_is_refused(scene):
     view = scene.view(0.8, forward_m=0.1, pad_yaw_deg=20)
     seeing = detector(scene, scene.fisheye)
