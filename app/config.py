@@ -221,7 +221,21 @@ class MissionConfig(Section):
     track_height_m: float = Field(default=2.5, ge=0.5, le=50, description="the paper tracks the car at 2.5 m")
     track_time_before_land_s: float = Field(default=4.0, ge=0, le=600, description="a settled track before a landing")
     takeoff_timeout_s: float = Field(default=30.0, gt=0, le=300)
-    search_timeout_s: float = Field(default=120.0, gt=0, le=3600)
+    search_timeout_s: float = Field(
+        default=180.0, gt=0, le=3600, description="of one pass of the pattern, which takes 140 s with its defaults"
+    )
+    search_passes: int = Field(
+        default=3, ge=1, le=10, description="times that the pattern is flown, each lower than the one before"
+    )
+    search_lower_share: float = Field(
+        default=0.6, ge=0.2, le=0.9, description="height and size of a pass of the pattern over those of the one before"
+    )
+    search_height_min_m: float = Field(
+        default=2.5,
+        ge=1.0,
+        le=100,
+        description="no pass is flown lower over the ground: people, cars, and PX4's height, which is off by up to 1 m",
+    )
     hover_timeout_s: float = Field(default=30.0, gt=0, le=600, description="to settle over the pad")
     land_timeout_s: float = Field(default=60.0, gt=0, le=600, description="from the start of a descent")
     landing_tries: int = Field(default=3, ge=1, le=20)

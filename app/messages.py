@@ -561,6 +561,7 @@ class Goal:
         anchor_ned_m: (3,) centre of the search, on the ground.
         drift_ne_m_s: (2,) velocity at which that centre moves on, from when the goal is taken up: that of a pad which
             drives.
+        pattern_scale: The search pattern's size over the configured one: smaller for a search from lower down.
         number: Counts up with each new goal: a changed number restarts search pattern and descent.
     """
 
@@ -569,6 +570,7 @@ class Goal:
     anchor_ned_m: Array = field(default_factory=lambda: np.zeros(3))
     number: int = 0
     drift_ne_m_s: tuple[float, float] = (0.0, 0.0)
+    pattern_scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -586,6 +588,8 @@ class GuidanceStatus:
         contact: The vehicle rests on something: sink is commanded and does not happen.
         contact_held_s: For how long it has.
         search_finished: The whole search pattern has been flown.
+        anchor_ned_m: (3,) the anchor of a SEARCH or CLIMB goal as it stands now: it has drifted, and jumped along with
+            PX4's local frame; None with another goal.
         climbed: The height of a CLIMB goal has been reached.
         pad_too_fast_m_s: Speed of a pad that drives away faster than the vehicle may fly; None while it can follow.
     """
@@ -600,6 +604,7 @@ class GuidanceStatus:
     contact: bool = False
     contact_held_s: float = 0.0
     search_finished: bool = False
+    anchor_ned_m: Array | None = None
     climbed: bool = False
     pad_too_fast_m_s: float | None = None
 

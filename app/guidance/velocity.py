@@ -136,7 +136,7 @@ class VelocityController:
         self._search = None
         if goal.kind is GoalKind.SEARCH:
             corners = expanding_square_m(self._guidance.search_spacing_m, self._guidance.search_radius_m)
-            self._search = SearchPattern(self._anchor_ned_m, corners)
+            self._search = SearchPattern(self._anchor_ned_m, goal.pattern_scale * corners)
 
     def _follow_frame(self, vehicle: VehicleState) -> None:
         """Carry over what stands in PX4's local frame when that frame jumps."""
@@ -297,6 +297,7 @@ class VelocityController:
             contact=self._contact.contact,
             contact_held_s=self._contact.held_s(now_s),
             search_finished=self._search is not None and self._search.finished,
+            anchor_ned_m=self._anchor_ned_m.copy() if goal.kind in (GoalKind.SEARCH, GoalKind.CLIMB) else None,
             climbed=climbed,
             pad_too_fast_m_s=self._too_fast_m_s(relative, now_s),
         )

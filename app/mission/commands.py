@@ -108,7 +108,9 @@ def _begin(
     if not vehicle.armed and not vehicle.armable and vehicle.mode not in NO_ARMING_IN:
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.NOT_ARMABLE.value)
     home = np.array(vehicle.pos_ned_m)
-    return go(fresh, Phase.TAKEOFF, Reason.COMMANDED, now_s, home_ned_m=home, entry_mode=vehicle.mode)
+    return go(
+        fresh, Phase.TAKEOFF, Reason.COMMANDED, now_s, home_ned_m=home, ground_known=True, entry_mode=vehicle.mode
+    )
 
 
 def _change_aim(

@@ -23,8 +23,9 @@ from app.messages import (
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
 from app.mission.precland import begin_precland, run_precland
 from app.mission.rounds import go_round, lost
+from app.mission.search import search_lower
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import ask, enter_search, fail, go, guidance_of, leave_to_px4, numbered
+from app.mission.transitions import ask, enter_search, go, guidance_of, leave_to_px4, numbered
 
 SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
@@ -97,7 +98,7 @@ def _search(
             goal=numbered(state, GoalKind.HOVER, config.hover_height_m),
         )
     if now_s - state.since_s > config.search_timeout_s:
-        return fail(state, Reason.PAD_NOT_FOUND, now_s, config)
+        return search_lower(state, inputs, now_s, config)
     guidance = guidance_of(state, inputs)
     if state.goal.kind is GoalKind.STAY:
         home = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])
@@ -114,7 +115,7 @@ def _search(
         goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor, climb.drift_ne_m_s)
         return Transition(replace(state, goal=goal))
     if guidance is not None and guidance.search_finished:
-        return fail(state, Reason.PAD_NOT_FOUND, now_s, config)
+        return search_lower(state, inputs, now_s, config)
     return Transition(state)
 
 

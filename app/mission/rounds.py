@@ -57,7 +57,16 @@ def go_round(
     if state.home_ned_m is not None and track is None:
         anchor[2] = state.home_ned_m[2]
     goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor, drift)
-    climb = go(state, Phase.SEARCH, reason, now_s, goal=goal, severity=Severity.WARNING, tries=state.tries + 1)
+    climb = go(
+        state,
+        Phase.SEARCH,
+        reason,
+        now_s,
+        goal=goal,
+        severity=Severity.WARNING,
+        tries=state.tries + 1,
+        ground_known=state.ground_known or track is not None,
+    )
     if state.phase is not Phase.PRECLAND:
         return climb
     mode = FlightMode.PRECLAND if state.handed_over else FlightMode.OFFBOARD  # PX4 flies: offboard comes first

@@ -33,6 +33,7 @@ class Reason(StrEnum):
     TRACK_STEADY = "track steady"
     PAD_LOST = "pad lost"
     PAD_NOT_FOUND = "pad not found"
+    SEARCHES_LOWER = "not found, searching lower"
     PAD_MOVES = "pad moves"
     PAD_TOO_FAST = "the pad drives away too fast"
     PAD_MISSED = "missed the pad, going round"
@@ -79,6 +80,9 @@ class MissionState:
         command: The command that is being carried out; None when done.
         tries: Landings (or approaches) that failed in this mission.
         home_ned_m: (3,) ground below where this mission began; None between missions.
+        ground_known: Where the ground is was seen: by standing on it, or by the pad on it. A mission that began in the
+            air only assumes it.
+        search_passes: How often the search pattern has been flown out in this search.
         pending: The action whose answer is awaited.
         asked: The action that was last asked for in this phase.
         asked_s: When it was asked for.
@@ -99,6 +103,8 @@ class MissionState:
     command: OperatorCommand | None = None
     tries: int = 0
     home_ned_m: Array | None = None
+    ground_known: bool = False
+    search_passes: int = 0
     pending: AutopilotAction | None = None
     asked: AutopilotAction | None = None
     asked_s: float = 0.0

@@ -60,6 +60,8 @@ def go(
         goal=goal or numbered(state, GoalKind.NONE),
         command=command,
         home_ned_m=None if phase in (Phase.IDLE, Phase.LANDED) else state.home_ned_m,
+        ground_known=phase not in (Phase.IDLE, Phase.LANDED) and state.ground_known,
+        search_passes=0,
         pending=None,
         asked=None,
         accepted=None,

@@ -436,3 +436,33 @@ def test_setpoints_keep_their_limits_whatever_the_track_and_the_clock_do(script)
             turn = math.remainder(setpoint.yaw_ned_rad - previous.yaw_ned_rad, math.tau)
             assert abs(turn) <= math.radians(45.0) * slew_s + 1e-9
         previous = setpoint
+
+
+def test_search_that_is_scaled_flies_its_pattern_at_that_size_lower_from_its_anchor_on():
+    """Half of a square of 3 m spacing out to 6 m; a perfect vehicle that comes from beside it, and higher."""
+    steering = controller(search_spacing_m=3.0, search_radius_m=6.0)
+    goal = Goal(GoalKind.SEARCH, 2.5, np.array([10.0, 0.0, 0.0]), 1, pattern_scale=0.5)
+    corners = np.array([(10, 0), (11.5, 0), (11.5, 1.5), (8.5, 1.5), (8.5, -1.5), (13, -1.5)])
+    pos, nearest, now_s, lowest = np.array([10.0, 6.0, -5.0]), np.full(len(corners), np.inf), 100.0, -5.0
+    order = []
+    for _ in range(round(60.0 / DT_S)):
+        setpoint, status = steering.step(goal, None, vehicle(now_s, tuple(pos)), now_s)
+        assert setpoint is not None
+        now_s += DT_S
+        pos = pos + DT_S * setpoint.vel_ned_m_s
+        away = np.linalg.norm(corners - pos[:2], axis=1)
+        nearest, lowest = np.minimum(nearest, away), max(lowest, float(pos[2]))
+        order += [k for k in np.flatnonzero(away <= 0.6) if k not in order]
+        if status.search_finished:
+            break
+    assert status.search_finished
+    assert nearest.max() <= 0.6
+    assert order == [0, 1, 2, 3, 4, 5]
+    assert -2.6 <= pos[2] <= lowest <= -2.49
+
+
+def test_search_tells_where_its_anchor_has_drifted_to():
+    goal = Goal(GoalKind.SEARCH, 4.0, np.zeros(3), 1, (3.0, 0.0))
+    _, status = run(controller(), goal, None, lambda t: vehicle(t, (0.0, 0.0, -4.0)), seconds=2.0)[-1]
+    assert status.anchor_ned_m is not None
+    np.testing.assert_allclose(status.anchor_ned_m, [6.0, 0.0, 0.0], atol=0.1)

@@ -248,8 +248,8 @@ def test_search_with_a_usable_track_hovers_over_it(make: Any):
 
 
 @pytest.mark.parametrize("changes", [{"search_finished": True}, {}])
-def test_search_that_is_flown_out_or_takes_too_long_fails(make: Any, changes):
-    state = make.state(P.SEARCH)
+def test_last_search_that_is_flown_out_or_takes_too_long_fails(make: Any, changes):
+    state = make.state(P.SEARCH, ground_known=True, search_passes=make.config.search_passes - 1)
     late_s = state.since_s + (make.config.search_timeout_s + 0.1 if not changes else 5.0)
     seen = make.inputs(state, guidance=make.settled(state, late_s, **changes))
     result = step(state, seen, late_s, make.config)

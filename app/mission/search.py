@@ -1,0 +1,40 @@
+"""What is done when the search pattern has been flown out and the pad was not found: the same, lower. Pure.
+
+From lower down the pad is larger in the image: one that half a shadow covers needs more pixels than it has from the
+search height. Height, spacing and radius shrink alike, so each pass sees its ground under the same angles as the one
+before, takes less time, and looks nearer to the anchor, where the pad is likeliest. The pattern begins at the anchor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from app.config import MissionConfig
+from app.messages import GoalKind, OperatorText
+from app.mission.states import MissionInputs, MissionState, Reason, Transition
+from app.mission.transitions import fail, guidance_of, numbered
+
+WORTH_SHARE = 0.9
+"""A pass that is not lower than this share of the last one's height shows the pad no larger to speak of."""
+
+
+def search_lower(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
+    """The next pass, back over the anchor and lower; or the end of the mission, if there is none.
+
+    There is none over ground whose height is only assumed, and none lower than `search_height_min_m` over the anchor.
+    """
+    goal, passes = state.goal, state.search_passes + 1
+    height_m = max(config.search_height_min_m, config.search_lower_share * goal.height_m)
+    worth = height_m <= WORTH_SHARE * goal.height_m
+    if goal.kind is not GoalKind.SEARCH or passes >= config.search_passes or not worth or not state.ground_known:
+        return fail(state, Reason.PAD_NOT_FOUND, now_s, config)
+    guidance = guidance_of(state, inputs)
+    moved = None if guidance is None else guidance.anchor_ned_m
+    anchor = goal.anchor_ned_m if moved is None else moved
+    lower = replace(
+        numbered(state, GoalKind.SEARCH, height_m, anchor, goal.drift_ne_m_s),
+        pattern_scale=goal.pattern_scale * height_m / goal.height_m,
+    )
+    searching = replace(state, goal=lower, since_s=now_s, search_passes=passes)
+    text = OperatorText(f"{state.phase.value}: {Reason.SEARCHES_LOWER.value}, at {height_m:.1f} m")
+    return Transition(searching, Reason.SEARCHES_LOWER, texts=(text,))
