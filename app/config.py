@@ -186,6 +186,8 @@ class GuidanceConfig(Section):
     position_gain_1_s: float = Field(default=2.5, gt=0, le=5)
     trim_gain_1_s2: float = Field(default=1.5, ge=0, le=3, description="integral action against PX4's velocity error")
     trim_max_m_s: float = Field(default=0.4, ge=0, le=2)
+    gust_share: float = Field(default=0.8, ge=0, le=1, description="of a gust's acceleration that is fed forward")
+    gust_max_m_s2: float = Field(default=2.0, ge=0, le=5, description="that is fed forward against gusts at most")
     coast_s: float = Field(default=4.0, ge=0, le=30, description="with the pad's last velocity, after it was lost")
     speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
     closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")

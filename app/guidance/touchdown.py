@@ -13,8 +13,10 @@ STOPPED_FRACTION = 0.35
 """Contact is assumed when less than this part of the commanded sink is left. In flight PX4 reaches 63% of a sink step
 in 0.3 s and 90% in 0.75 s, and overshoots by 17%."""
 RESUMED_FRACTION = 0.7
-"""Contact has ended when this part of the commanded sink is back. On the ground PX4's velocity wanders by 0.1 to
-0.15 m/s, which is a fifth of the sink that is commanded: nothing short of falling may end a contact."""
+"""A standstill that is pressed upon, and a contact, have ended when this part of the commanded sink is back: a vehicle
+that touched down leaning sinks at 0.3 m/s as it falls onto its other feet, and slides if the press lets go then. On
+the ground PX4's velocity wanders by 0.1 to 0.15 m/s, which is a fifth of the sink that is commanded: nothing short
+of falling may end a contact."""
 FALL_S = 0.15
 """... for this long: a vehicle that touched down on two feet falls onto the others meanwhile."""
 SETTLE_S = 0.5
@@ -56,7 +58,7 @@ def step_contact(memory: Contact, commanded_sink_m_s: float, actual_sink_m_s: fl
     if commanded_sink_m_s < COMMANDED_SINK_MIN_M_S:
         return Contact()
     since = now_s if memory.sinking_since_s is None else memory.sinking_since_s
-    fraction = RESUMED_FRACTION if memory.contact else STOPPED_FRACTION
+    fraction = RESUMED_FRACTION if memory.presses(now_s) else STOPPED_FRACTION
     stopped = actual_sink_m_s < fraction * commanded_sink_m_s and now_s - since >= SETTLE_S
     if not stopped:
         falling_since = now_s if memory.falling_since_s is None else memory.falling_since_s

@@ -2,7 +2,8 @@
 
 Velocity = the pad's velocity + a position law limited in speed, slewed by the acceleration limit. The rate of that
 velocity goes along as acceleration feed-forward, which takes out the lag of PX4's velocity loop (measured: 0.2 s dead
-time, 63% after 0.7 s). The pad is predicted to the instant at which the command takes effect.
+time, 63% after 0.7 s), and so does what holds against gusts (gusts.py). The pad is predicted to the instant at which
+the command takes effect.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
 from app.guidance.descent import Descent, predicted_error_m, sink_speed_m_s, step_descent
+from app.guidance.gusts import Gusts, step_gusts
 from app.guidance.limits import closing_speed_m_s, limit_norm, slew
 from app.guidance.pad_memory import PadMemory, is_finite
 from app.guidance.search import SearchPattern, expanding_square_m
@@ -33,6 +35,8 @@ YAW_DEADBAND_RAD = math.radians(2.0)
 PRESS_LEAN_MAX_RAD = math.radians(20.0)
 FEET_M = 0.1
 """The vehicle's centre over its feet, about."""
+GUST_CLEARANCE_M = 0.12
+"""Feet nearer to the deck than this touch it in the time that gusts take to be found."""
 REACH_MARGIN_M_S = 0.3
 """A pad must be slower than the vehicle's own limit by this, or what is missing is never made up."""
 TOO_FAST_FOR_S = 1.0
@@ -76,6 +80,7 @@ class VelocityController:
         self._lean_rad = 0.0
         self._too_fast_since_s: float | None = None
         self._pads = PadMemory()
+        self._gusts: Gusts | None = None
 
     def step(
         self, goal: Goal, track: PadTrack | None, vehicle: VehicleState, now_s: float
@@ -108,6 +113,7 @@ class VelocityController:
         self._start_from(vehicle)
         self._lean_rad = math.acos(min(1.0, float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])))
         relative = self._relate(goal, track, vehicle, now_s)
+        self._feel_gusts(relative, vehicle)
         self._learn_trim(goal, relative, dt_s)
         wanted = self._wanted(goal, relative, track, vehicle, now_s)
         setpoint = self._limit(wanted, relative, vehicle, dt_s, now_s)
@@ -126,6 +132,7 @@ class VelocityController:
         self._search, self._descent, self._contact = None, Descent(), Contact()
         self._trim_ne_m_s = np.zeros(2)
         self._too_fast_since_s = None
+        self._gusts = None
         self._pads.forget()
 
     def _begin(self, goal: Goal, vehicle: VehicleState) -> None:
@@ -145,6 +152,15 @@ class VelocityController:
             self._hold_height_down_m += float(jump[2])
             self._anchor_ned_m += jump  # in place: the search pattern's too
             self._yaw_rad = None
+            self._gusts = None  # the velocity may have jumped along
+
+    def _feel_gusts(self, relative: _Relative | None, vehicle: VehicleState) -> None:
+        """On the deck it is the feet that hold against the thrust, and not the air: what was found before stays."""
+        low = relative is not None and relative.height_m < FEET_M + GUST_CLEARANCE_M
+        if self._descent.committed and (low or self._contact.stopped_since_s is not None):
+            return
+        velocity = vehicle.vel_ned_m_s[:2]
+        self._gusts = step_gusts(self._gusts, vehicle.q_ned_from_body_wxyz, velocity, vehicle.t_capture_s)
 
     def _start_from(self, vehicle: VehicleState) -> None:
         if self._velocity is None:  # the slew starts from what the vehicle does now
@@ -268,8 +284,14 @@ class VelocityController:
         part = dt_s / (FEED_FORWARD_TAU_S + dt_s)
         self._feed_forward = self._feed_forward + part * (rate - self._feed_forward)
         self._velocity = velocity
-        acceleration = np.array([self._feed_forward[0], self._feed_forward[1], 0.0])
+        acceleration = np.array([*(self._feed_forward[:2] + self._against_gusts()), 0.0])
         return Setpoint(now_s, velocity, acceleration, self._turn(relative, dt_s))
+
+    def _against_gusts(self) -> Array:
+        """(2,) acceleration that holds against what gusts do; none in contact, where nothing is to drag sideways."""
+        if self._gusts is None or self._contact.contact:
+            return np.zeros(2)
+        return limit_norm(-self._guidance.gust_share * self._gusts.gust_ne_m_s2, self._guidance.gust_max_m_s2)
 
     def _turn(self, relative: _Relative | None, dt_s: float) -> float:
         """The heading to hold, moved to the pad's at the limited rate."""

@@ -88,3 +88,11 @@ def test_contact_held_counts_from_the_standstill():
 def test_contact_with_a_rise_counts_too():
     first, _ = run(lambda t: 0.6 if t < 2.0 else -0.2, seconds=4.0)
     assert first == pytest.approx(2.35, abs=0.03)
+
+
+@pytest.mark.parametrize(("sink_m_s", "told"), [(0.3, True), (0.5, False)])
+def test_fall_onto_the_other_feet_does_not_end_a_press_and_sinking_on_does(sink_m_s, told):
+    """At rest from 2 s on, pressed from 2.1 s on; then it sinks for 0.15 s. Contact is due at 2.35 s."""
+    first, memory = run(lambda t: 0.6 if t < 2.0 else sink_m_s if 2.12 <= t < 2.27 else 0.0, seconds=2.4)
+    assert (first == pytest.approx(2.35, abs=0.03)) is told
+    assert memory.contact is told

@@ -466,3 +466,33 @@ def test_search_tells_where_its_anchor_has_drifted_to():
     _, status = run(controller(), goal, None, lambda t: vehicle(t, (0.0, 0.0, -4.0)), seconds=2.0)[-1]
     assert status.anchor_ned_m is not None
     np.testing.assert_allclose(status.anchor_ned_m, [6.0, 0.0, 0.0], atol=0.1)
+
+
+# --------------------------------------------------------------------------------------------------------------- gusts
+def blown(now_s: float) -> VehicleState:
+    """Level over the pad, pushed to the north at 1 m/s2 from 100 s on."""
+    return vehicle(now_s, vel=(now_s - 100.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [({"gust_share": 0.8}, -0.8), ({"gust_share": 0.0}, 0.0), ({"gust_share": 0.8, "gust_max_m_s2": 0.3}, -0.3)],
+)
+def test_gust_is_held_against_by_its_share_within_its_limit(changes, expected):
+    """STAY asks for zero: it brakes at no rate of its own once it has. The gust is known to 95% after 0.6 s."""
+    steering, goal = controller(**changes), Goal(GoalKind.STAY, number=1)
+    still = run(steering, goal, None, vehicle, seconds=1.0, from_s=99.0)
+    assert still[-1][0].acc_ned_m_s2[0] == pytest.approx(0.0, abs=1e-9)
+    setpoint, _ = run(steering, goal, None, blown, seconds=0.6)[-1]
+    assert setpoint.acc_ned_m_s2[0] == pytest.approx(expected, abs=0.12)
+    np.testing.assert_array_equal(setpoint.acc_ned_m_s2[1:], 0.0)
+
+
+def test_gust_of_the_last_flight_is_forgotten():
+    steering, goal = controller(), Goal(GoalKind.STAY, number=1)
+    run(steering, goal, None, vehicle, seconds=1.0, from_s=99.0)
+    run(steering, goal, None, blown, seconds=0.6)
+    steering.step(Goal(), None, blown(100.6), 100.6)
+    setpoint, _ = steering.step(goal, None, blown(100.62), 100.62)
+    np.testing.assert_array_equal(setpoint.acc_ned_m_s2[1:], 0.0)
+    assert setpoint.acc_ned_m_s2[0] > -0.4  # of the braking itself: a tenth of 3 m/s2
