@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import LIKE, PSF_SIGMA_PX, WINDOW, LandmarkGeometry, Rivals
+from app.vision.geometry import LandmarkGeometry
 from app.vision.patch import Patch
 from app.vision.picture import Proof
 from app.vision.refusal import Refusal, Rejection
+from app.vision.template import LIKE, PSF_SIGMA_PX, WINDOW, Rivals
 
 FAINT = 0.25
 """Contrast in a window, as a part of the usual one, that counts."""

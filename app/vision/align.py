@@ -19,16 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import (
-    BLUR_SIGMA_PX2,
-    GRADIENT_SIGMA,
-    PATCH_EXTENT,
-    PSF_SIGMA_PX,
-    TONE_SIGMA,
-    LandmarkGeometry,
-)
+from app.vision.geometry import LandmarkGeometry
 from app.vision.patch import Patch, View, rectify
 from app.vision.plane import warped
+from app.vision.template import BLUR_SIGMA_PX2, GRADIENT_SIGMA, PATCH_EXTENT, PSF_SIGMA_PX, TONE_SIGMA
 
 STEPS = 6
 SMALL_STEP = 0.006

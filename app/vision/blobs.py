@@ -15,9 +15,9 @@ from app.frames import Array
 from app.vision.camera_model import tangent_basis
 from app.vision.contours import Tree
 from app.vision.fit import homography
-from app.vision.geometry import PATCH, PSF_SIGMA_PX
 from app.vision.patch import View
 from app.vision.preprocess import Prepared
+from app.vision.template import PATCH, PSF_SIGMA_PX
 
 SIDES_PX = (7.0, 56.0)
 """Sides of the outermost contour that are looked for this way."""

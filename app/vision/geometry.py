@@ -1,12 +1,11 @@
 """What the detector works out once from a landmark's drawing: corners, points along its sides, widths between contours,
-and the drawing as a picture to correlate with. Everything that depends on a pad's shapes and ratios is read here.
+and what is drawn, by itself and changed. Everything that depends on a pad's shapes and ratios is read here.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 
@@ -15,229 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.landmark import Contour, Landmark, Shape, gaps_m
+from app.landmark import Landmark, Shape, gaps_m
+from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template
+from app.vision.variants import FINE, drawings, gaps_to_points
 
 SAMPLES_PER_SIDE = 10
 SLANTED = 0.1
 """Sine of the angle to either axis from which a side counts as slanted."""
 SIDE_MARGIN = 0.09
 """Part of a side at each end that is not looked at: corners are rounded by blur."""
-PATCH = 32
-"""Cells along the rectified patch."""
 NODES = 9
 """Points along the patch that go through the lens; between them pixels are interpolated. For a landmark of 60 px that
 is wrong by less than a hundredth of a pixel."""
-PATCH_EXTENT = 1.3
-"""Its side, in sides of the outermost contour: the quiet zone shows, and a little of what lies round it."""
-INSIDE_TURNED_RAD = math.radians(20.0)
-"""A rival has all inside the second contour turned by so much."""
 JUDGED_EXTENT = 1.12
 """The middle part of it that is correlated: what lies beyond may be anything."""
-SURROUND = 8.0
-"""What lies round the quiet zone (grass) varies by this many times the noise on the landmark."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
-WINDOW = 5
-"""Cells along the window in which a place is compared."""
-SHOWS = 0.1
-"""Standard deviation of a drawing in a window, black 0 and white 1, from which it tells something."""
-LIKE = 0.65
-"""Squared correlation in a window that counts as agreement."""
-PSF_SIGMA_PX = 0.75
-"""Blur of a sharp lens and of the pixel's own area."""
-BLUR_SIGMA_PX2 = 1.5
-"""How much more variance of blur, in squared pixels, is expected along each direction."""
-GRADIENT_SIGMA = 0.3
-"""Gradient of the light over half a patch, as a part of the contrast."""
-TONE_SIGMA = 0.4
-"""Bend of the tone curve between black and white, as a part of the contrast."""
-NOISE_PART = 0.1
-"""Noise on a pixel, as a part of the contrast, against which these expectations weigh."""
 BLURS_PER_OCTAVE = 4.0
 RIVALS_KEPT = 6
 """Blurs whose rivals are kept, oldest out first: each is 12 MB, and a flight runs through twenty of them."""
-FINE = 4
-"""Points along a cell when the drawing is made."""
-
-
-class Template:
-    """The drawing on the cells of the rectified patch, blurred.
-
-    Attributes:
-        white: (PATCH, PATCH) how much of each cell is white print, 0 black to 1.
-        outside: (PATCH, PATCH) how much of it lies outside the quiet zone.
-        sigma_cells: Its blur.
-    """
-
-    def __init__(self, drawings: Array, sigma_cells: float) -> None:
-        self.white, self.outside = drawings
-        self.sigma_cells = sigma_cells
-        self._slopes: tuple[Array, Array] | None = None
-        self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
-
-    @cached_property
-    def _derivatives(self) -> Array:
-        """(2, 2, PATCH, PATCH) of white and outside by row and by column, per cell."""
-        return np.stack([np.stack(np.gradient(drawing)) for drawing in (self.white, self.outside)])
-
-    @cached_property
-    def appearance(self) -> Array:
-        """(cells, 9) what the grey of a patch is made of: white print; outside; half the second derivatives of the
-        white print by row twice, by column twice and by both; its tone curve's bend; its gradient forward and right;
-        one.
-        """
-        by_row, by_column = self._derivatives[0]
-        row_row, row_column = np.gradient(by_row)
-        column_column = np.gradient(by_column)[1]
-        x, y = _cell_centres()
-        white = self.white.ravel()
-        inside = 1.0 - self.outside.ravel()
-        terms = [white, self.outside.ravel(), 0.5 * row_row.ravel(), 0.5 * column_column.ravel(), row_column.ravel()]
-        bend = 4.0 * white * (1.0 - white) * inside
-        return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
-
-    def at(self, cells: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Appearance (k, 9) of some cells, and the inverse (9, 9) of its held normal equations; kept for next time."""
-        kept = self._kept
-        if kept is None or not np.array_equal(kept[0], cells):
-            terms = self.appearance[cells]
-            held = terms.T @ terms + np.diag(1e-6 * len(cells) + self.hold)
-            kept = (cells, terms, np.asarray(np.linalg.inv(held), dtype=np.float64))
-            self._kept = kept
-        return kept[1], kept[2]
-
-    @cached_property
-    def hold(self) -> Array:
-        """(9,) how strongly each term of the appearance is held near 0, against one cell's grey."""
-        cell_px = PSF_SIGMA_PX / self.sigma_cells
-        blur = (NOISE_PART * cell_px**2 / (0.5 * BLUR_SIGMA_PX2)) ** 2
-        tone, gradient = (NOISE_PART / TONE_SIGMA) ** 2, (NOISE_PART / GRADIENT_SIGMA) ** 2
-        return np.array([0.0, 0.0, blur, blur, blur, tone, gradient, gradient, 0.0])
-
-    @cached_property
-    def trust(self) -> Array:
-        """(cells,) weights: what lies round the quiet zone may be anything."""
-        return np.asarray(1.0 / (1.0 + (SURROUND * self.outside.ravel()) ** 2), dtype=np.float64)
-
-    @cached_property
-    def design(self) -> Array:
-        """(8 + 8 + 9, cells): slopes of white, slopes of outside, appearance: all that an alignment needs."""
-        return np.ascontiguousarray(np.concatenate([*(s.T for s in self.slopes()), self.appearance.T]))
-
-    @cached_property
-    def weighted_design(self) -> Array:
-        """Design times trust."""
-        return np.ascontiguousarray(self.design * self.trust)
-
-    @cached_property
-    def gram(self) -> Array:
-        """(25, 25) weighted_design design^T of the whole patch."""
-        result: Array = self.weighted_design @ self.design.T
-        return result
-
-    def slopes(self) -> tuple[Array, Array]:
-        """(cells, 8) each: derivatives of white and outside by the terms of a homography (a b c; d e f; g h).
-
-        Coordinates are half sides of the patch, forward and right; the drawing is sampled at the moved place.
-        """
-        if self._slopes is None:
-            half = PATCH / 2.0
-            x, y = _cell_centres()
-            found = []
-            for by_row, by_column in self._derivatives:
-                along, across = (-by_row * half).ravel(), (by_column * half).ravel()
-                radial = along * x + across * y
-                terms = [along * x, along * y, along, across * x, across * y, across, -radial * x, -radial * y]
-                found.append(np.column_stack(terms))
-            self._slopes = found[0], found[1]
-        return self._slopes
-
-
-class Windows:
-    """Drawings in a small window round each cell.
-
-    Attributes:
-        white: (n, PATCH, PATCH) how white each cell is.
-        mean: (n, PATCH, PATCH) in the windows.
-        safe: (n, PATCH, PATCH) variance in the windows, never 0.
-        shows: (n, PATCH, PATCH) where a drawing tells something.
-        differs: (n, PATCH, PATCH) where the first one and each would not be taken for each other.
-    """
-
-    def __init__(self, white: Array) -> None:
-        def mean(values: Array) -> Array:
-            return np.stack([cv2.blur(v, (WINDOW, WINDOW)) for v in values])
-
-        self.white = white
-        self.mean = mean(white)
-        variance = mean(white * white) - self.mean**2
-        self.safe: Array = np.maximum(variance, 1e-6)
-        self.shows: NDArray[np.bool_] = variance > SHOWS * SHOWS
-        both = mean(white * white[0]) - self.mean * self.mean[0]
-        alike = (both > 0) & (both * both >= LIKE * self.safe * self.safe[0])
-        self.differs: NDArray[np.bool_] = np.where(self.shows & self.shows[0], ~alike, self.shows != self.shows[0])
-
-
-class Rivals:
-    """Other drawings that the landmark must not be taken for, at one blur.
-
-    Attributes:
-        names: What they are, for people.
-        must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
-        templates: As seen; the first one is the landmark itself.
-        contour: (n,) the outermost one that differs.
-    """
-
-    def __init__(
-        self, names: list[str], must_differ: list[bool], templates: list[Template], contour: list[int]
-    ) -> None:
-        self.names = names
-        self.contour = np.array(contour)
-        self.must_differ = np.array(must_differ)
-        self.templates = templates
-        self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
-
-    @cached_property
-    def windows(self) -> Windows:
-        """What each shows place by place."""
-        return Windows(np.stack([t.white for t in self.templates]))
-
-    @cached_property
-    def averaged(self) -> Array:
-        """(n, PATCH, PATCH) how white each cell and its neighbours are."""
-        return np.stack([cv2.blur(t.white, (3, 3)) for t in self.templates])
-
-    @cached_property
-    def _appearances(self) -> Array:
-        """(n, 9, cells)."""
-        return np.stack([t.appearance.T for t in self.templates])
-
-    def left(self, values: Array, cells: NDArray[np.intp]) -> Array:
-        """(n, k) sums of squares that each drawing leaves of some greys, with the appearance that suits it best.
-
-        Args:
-            values: (cells, k) k lists of greys.
-            cells: Where they are; in most patches the same ones, whose part of the work is kept.
-        """
-        kept = self._kept
-        if kept is None or not np.array_equal(kept[0], cells):
-            terms = self._appearances[:, :, cells]
-            normal = terms @ terms.transpose(0, 2, 1)
-            inverse = np.linalg.inv(normal + np.diag(1e-6 * len(cells) + self.templates[0].hold))
-            kept = cells, terms.reshape(-1, len(cells)), inverse @ (2.0 * np.eye(len(normal[0])) - normal @ inverse)
-            self._kept = kept
-        _, rows, solved = kept
-        side = (rows @ values).reshape(len(solved), -1, values.shape[1])
-        result: Array = (values * values).sum(axis=0) - (side * (solved @ side)).sum(axis=1)
-        return result
-
-
-@cache
-def _cell_centres() -> tuple[Array, Array]:
-    """(cells,) forward and right of the cells, in half sides of the patch."""
-    cell = 1.0 - (2.0 * np.arange(PATCH) + 1.0) / PATCH
-    x, y = np.meshgrid(cell, -cell, indexing="ij")
-    return x.ravel(), y.ravel()
 
 
 @cache
@@ -409,50 +204,10 @@ class LandmarkGeometry:
         cell_m = PATCH_EXTENT * self.size_m / PATCH
         return self.landmark.contours[0].area_m2 / (cell_m**2 * len(self.cells(None)))
 
-    def _drawn(self, contours: Sequence[tuple[Array, bool]]) -> NDArray[np.float32]:
-        """(2, n, n) with FINE x FINE points a cell: 1 where white is printed; 1 outside the quiet zone.
-
-        Args:
-            contours: Corners (k, 2) and whether the inside is black, outermost first.
-        """
-        n = FINE * PATCH
-        half = 0.5 * PATCH_EXTENT * self.landmark.size_m
-        at = half * (1.0 - (2.0 * np.arange(n) + 1.0) / n)
-        forward, right = np.meshgrid(at, -at, indexing="ij")
-        points = np.column_stack([forward.ravel(), right.ravel()])
-        outside = np.abs(points).max(axis=1) > 0.5 * self.landmark.quiet_zone_m
-        white = ~outside
-        for corners, black in contours:
-            white = np.where(gaps_to_points(corners, points) > 0, not black, white)
-        return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
-
     @cached_property
     def _drawings(self) -> list[tuple[str, int, NDArray[np.float32]]]:
-        """The landmark first, then its variants: name, which contour differs, and drawing of _drawn."""
-        own = [(c.corners_m, c.black) for c in self.landmark.contours]
-        found = [("as drawn", 0, self._drawn(own))]
-        for k, contour in enumerate(self.landmark.contours):
-            changes: list[tuple[str, Array]] = []
-            if k > 0:
-                found.append((f"without {contour.name}", k, self._drawn(own[:k])))
-            if contour.shape is Shape.TRIANGLE:
-                changes.append(("upside down", 2.0 * contour.centroid_m - contour.corners_m))
-            if contour.shape is Shape.TRIANGLE or (k == 0 and len(own) > 1):
-                changes.append(("a disc", contour.centroid_m + _regular(24, contour.area_m2, 0.0)))
-            for word, factor in (("larger", 1.3), ("smaller", 0.7)) if k > 0 else ():
-                changes.append((word, contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)))
-            if contour is self.landmark.contours[-1]:
-                changes += [*_other_shapes(contour), *_other_places(contour)]
-            for name, corners in changes:
-                changed = [*own[:k], (corners, contour.black), *own[k + 1 :]]
-                found.append((f"with {contour.name} {name}", k, self._drawn(changed)))
-        if len(own) > 2:
-            for name, sign in (("clockwise", 1.0), ("counterclockwise", -1.0)):
-                c, s = math.cos(sign * INSIDE_TURNED_RAD), math.sin(sign * INSIDE_TURNED_RAD)
-                centre, turn = self.landmark.contours[2].centroid_m, np.array([[c, s], [-s, c]])
-                inside = [(centre + (corners - centre) @ turn, black) for corners, black in own[2:]]
-                found.append((f"with {self.landmark.contours[2].name} turned {name}", 2, self._drawn(own[:2] + inside)))
-        return found
+        """See variants.drawings."""
+        return drawings(self.landmark)
 
     def template(self, sigma_cells: float) -> Template:
         """The drawing as seen with a blur (standard deviation) of that many cells, to the nearest of BLURS_PER_OCTAVE
@@ -557,38 +312,3 @@ class LandmarkGeometry:
             depth = gaps_to_points(self.landmark.contours[index].corners_m, self.patch_points)
             self._insides[index] = (depth > 0).reshape(PATCH, PATCH)
         return self._insides[index]
-
-
-def _regular(count: int, area_m2: float, first_deg: float) -> Array:
-    """(count, 2) corners of a regular polygon about 0, clockwise."""
-    radius = math.sqrt(area_m2 / (0.5 * count * math.sin(2.0 * math.pi / count)))
-    angle = math.radians(first_deg) + 2.0 * math.pi * np.arange(count) / count
-    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _other_shapes(contour: Contour) -> list[tuple[str, Array]]:
-    """What a contour may be replaced by: other polygons, as large as it or larger, clockwise."""
-    found: list[tuple[str, Array]] = []
-    kinds = [("a disc", 24, 0.0), ("a diamond", 4, 0.0), ("a square", 4, 45.0)]
-    kinds += [("a triangle", 3, 0.0), ("a triangle, inverted", 3, 180.0)]
-    for name, count, first_deg in kinds:
-        if name == f"a {contour.shape.value}":
-            continue
-        arm = _regular(count, contour.area_m2, first_deg)
-        found += [(name, contour.centroid_m + arm), (f"{name}, larger,", contour.centroid_m + 1.25 * arm)]
-    return found
-
-
-def _other_places(contour: Contour) -> list[tuple[str, Array]]:
-    """Where a contour may be moved to, by half of its side."""
-    step = 0.5 * contour.side_m
-    ways = {"forward": (step, 0.0), "back": (-step, 0.0), "right": (0.0, step), "left": (0.0, -step)}
-    return [(f"moved {name}", contour.corners_m + np.array(way)) for name, way in ways.items()]
-
-
-def gaps_to_points(corners: Array, points: Array) -> Array:
-    """(n,) depth of points (n, 2) inside a clockwise convex polygon (k, 2), in its unit; negative outside."""
-    edge = np.roll(corners, -1, axis=0) - corners
-    normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
-    result: Array = (points @ normal.T - np.sum(normal * corners, axis=1)).min(axis=1)
-    return result

@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from app.vision.evidence import MIN_SHARE, check_edges
-from app.vision.geometry import PSF_SIGMA_PX
 from app.vision.patch import SATURATED_DN, View, near_view, rectify
 from app.vision.refine import EdgeFit
+from app.vision.template import PSF_SIGMA_PX
 
 BLINDED = 0.35
 """Part of what lies inside the second contour that is saturated, and of what is drawn black there that is bright, from

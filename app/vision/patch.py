@@ -16,7 +16,8 @@ from app.frames import Array
 from app.messages import Image
 from app.vision.camera_model import Lens
 from app.vision.fit import project_pad
-from app.vision.geometry import NODES, PATCH, PATCH_EXTENT, LandmarkGeometry
+from app.vision.geometry import NODES, LandmarkGeometry
+from app.vision.template import PATCH, PATCH_EXTENT
 
 FAR_OUT_PX = -1e4
 SATURATED_DN = 254

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.vision.align import uncensored
 from app.vision.evidence import MIN_CONTRAST
-from app.vision.geometry import PSF_SIGMA_PX, LandmarkGeometry, Rivals, Template
+from app.vision.geometry import LandmarkGeometry
 from app.vision.patch import Patch, side_px
 from app.vision.refusal import Refusal, Rejection
+from app.vision.template import PSF_SIGMA_PX, Rivals, Template
 
 MAX_CONTRAST = 300.0
 """A blurred landmark's black and white, worked out from its greys, may lie somewhat beyond 0 and 255."""

@@ -18,10 +18,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from app.frames import Array
-from app.vision.geometry import PATCH, PSF_SIGMA_PX, LandmarkGeometry
+from app.vision.geometry import LandmarkGeometry
 from app.vision.patch import Patch
 from app.vision.picture import Proof
 from app.vision.refusal import Refusal, Rejection
+from app.vision.template import PATCH, PSF_SIGMA_PX
 
 HALF, STRIDE = 4, 2
 """Cells to each side whose levels are asked, every second one."""
