@@ -192,6 +192,12 @@ class GuidanceConfig(Section):
     speed_max_m_s: float = Field(default=8.0, gt=0, le=25)
     closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")
     acceleration_max_m_s2: float = Field(default=4.0, gt=0, le=10)
+    jerk_max_m_s3: float = Field(
+        default=200.0,
+        gt=0,
+        le=1000,
+        description="of the commanded velocity; a press, a lost pad and a start are free of it",
+    )
     climb_speed_m_s: float = Field(default=1.0, gt=0, le=5)
     descend_speed_m_s: float = Field(default=0.8, gt=0, le=3, description="inside the cone, high up")
     touchdown_speed_m_s: float = Field(default=0.6, gt=0, le=1.0, description="below the commit height")

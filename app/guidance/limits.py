@@ -1,4 +1,4 @@
-"""Limits on commanded velocity: speed, braking distance and acceleration. Pure."""
+"""Limits on commanded velocity: speed, braking distance, acceleration and jerk. Pure."""
 
 from __future__ import annotations
 
@@ -28,6 +28,31 @@ def closing_speed_m_s(distance_m: float, gain_1_s: float, speed_max_m_s: float, 
     return min(linear, speed_max_m_s)
 
 
-def slew(previous: Array, wanted: Array, rate_max: float, dt_s: float) -> Array:
-    """`wanted`, but no farther from `previous` than `rate_max * dt_s`."""
-    return previous + limit_norm(wanted - previous, rate_max * dt_s)
+def approach(
+    velocity: Array, acceleration: Array, wanted: Array, acceleration_max: float, jerk_max: float, dt_s: float
+) -> tuple[Array, Array]:
+    """The next velocity and its acceleration, on the quickest way to `wanted` that both limits leave.
+
+    The acceleration is built up at the jerk's limit, and taken off again so early that it is gone when `wanted` is
+    reached: one that stands still is not overshot. Over n turns of dt in which the acceleration falls by j dt each, a
+    velocity goes by dt (n a - j dt n (n - 1) / 2), which is solved for the acceleration a that is right now, with the
+    fewest turns.
+
+    Args:
+        velocity: (n,) of the last turn.
+        acceleration: (n,) of the last turn: by what the velocity changed in it, over its time.
+        wanted: (n,).
+        acceleration_max: Limit of the acceleration's norm.
+        jerk_max: Limit of the norm of the acceleration's change, a second.
+        dt_s: Of this turn.
+    """
+    missing = wanted - velocity
+    distance = float(np.linalg.norm(missing))
+    right = np.zeros_like(missing)
+    if distance > 0.0:
+        step = jerk_max * dt_s
+        turns = max(1, math.ceil((math.sqrt(1.0 + 8.0 * distance / (step * dt_s)) - 1.0) / 2.0))
+        size = min(acceleration_max, distance / (turns * dt_s) + 0.5 * step * (turns - 1))
+        right = missing * (size / distance)
+    changed = acceleration + limit_norm(right - acceleration, jerk_max * dt_s)
+    return velocity + dt_s * changed, changed

@@ -1,9 +1,9 @@
 """The velocity controller: a goal, the track and the vehicle become one velocity setpoint. Pure but for its memory.
 
-Velocity = the pad's velocity + a position law limited in speed, slewed by the acceleration limit. The rate of that
-velocity goes along as acceleration feed-forward, which takes out the lag of PX4's velocity loop (measured: 0.2 s dead
-time, 63% after 0.7 s), and so does what holds against gusts (gusts.py). The pad is predicted to the instant at which
-the command takes effect.
+Velocity = the pad's velocity + a position law limited in speed, led by limits of acceleration and jerk. The rate of
+that velocity goes along as acceleration feed-forward, which takes out the lag of PX4's velocity loop (measured: 0.2 s
+dead time, 63% after 0.7 s), and so does what holds against gusts (gusts.py). The pad is predicted to the instant at
+which the command takes effect.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
 from app.guidance.descent import Descent, predicted_error_m, sink_speed_m_s, step_descent
 from app.guidance.gusts import Gusts, step_gusts
-from app.guidance.limits import closing_speed_m_s, limit_norm, slew
+from app.guidance.limits import approach, closing_speed_m_s, limit_norm
 from app.guidance.pad_memory import PadMemory, is_finite
 from app.guidance.search import SearchPattern, expanding_square_m
 from app.guidance.touchdown import Contact, step_contact
@@ -56,7 +56,7 @@ class _Relative:
 
 
 class VelocityController:
-    """Remembers the last command (for the slew), the search's progress, the descent and the contact.
+    """Remembers the last command and its rate (for the limits), the search's progress, the descent and the contact.
 
     Args:
         guidance: [guidance].
@@ -71,6 +71,8 @@ class VelocityController:
         self._descent = Descent()
         self._contact = Contact()
         self._velocity: Array | None = None
+        self._rate = np.zeros(3)
+        self._followed = False
         self._feed_forward = np.zeros(3)
         self._trim_ne_m_s = np.zeros(2)
         self._yaw_rad: float | None = None
@@ -163,9 +165,9 @@ class VelocityController:
         self._gusts = step_gusts(self._gusts, vehicle.q_ned_from_body_wxyz, velocity, vehicle.t_capture_s)
 
     def _start_from(self, vehicle: VehicleState) -> None:
-        if self._velocity is None:  # the slew starts from what the vehicle does now
+        if self._velocity is None:  # the command starts from what the vehicle does now
             self._velocity = np.array(vehicle.vel_ned_m_s, dtype=np.float64)
-            self._feed_forward = np.zeros(3)
+            self._rate, self._feed_forward = np.zeros(3), np.zeros(3)
         if self._yaw_rad is None:
             self._yaw_rad = yaw_from_rotation(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz))
 
@@ -184,7 +186,7 @@ class VelocityController:
     def _wanted(
         self, goal: Goal, relative: _Relative | None, track: PadTrack | None, vehicle: VehicleState, now_s: float
     ) -> Array:
-        """(3,) velocity before the slew."""
+        """(3,) velocity before the limits of acceleration and jerk."""
         wanted = np.zeros(3)
         if goal.kind is GoalKind.SEARCH and self._search is not None:
             pattern = self._search.velocity_ne_m_s(
@@ -198,10 +200,13 @@ class VelocityController:
             wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
         elif goal.kind in OVER_THE_PAD:
             if relative is None:  # lost: hold the height; the mission decides what comes next
+                if self._followed:  # an emergency: speeding up towards the pad ends at once, jerk or not
+                    self._rate, self._followed = np.zeros(3), False
                 wanted[:2] = self._coast(track, now_s)
                 wanted[2] = self._to_height(self._hold_height_down_m, vehicle)
             else:
                 self._hold_height_down_m = float(vehicle.pos_ned_m[2])
+                self._followed = True
                 wanted[:2] = self._follow(relative)
                 wanted[2] = float(relative.pad.vel_ned_m_s[2]) + self._sink(goal, relative, now_s)
         return wanted
@@ -275,12 +280,19 @@ class VelocityController:
     ) -> Setpoint:
         config = self._guidance
         previous = self._velocity if self._velocity is not None else vehicle.vel_ned_m_s
-        velocity = np.empty(3)
-        velocity[:2] = slew(previous[:2], wanted[:2], config.acceleration_max_m_s2, dt_s)
-        velocity[2:] = slew(previous[2:], wanted[2:], config.acceleration_max_m_s2, dt_s)
+        velocity, rate = np.empty(3), np.empty(3)
+        for axes in (slice(0, 2), slice(2, 3)):
+            velocity[axes], rate[axes] = approach(
+                previous[axes],
+                self._rate[axes],
+                wanted[axes],
+                config.acceleration_max_m_s2,
+                config.jerk_max_m_s3,
+                dt_s,
+            )
         if self._presses(now_s):
-            velocity[2] = wanted[2]  # nothing moves any more that could be jerked
-        rate = limit_norm((velocity - previous) / dt_s, config.acceleration_max_m_s2)
+            velocity[2], rate[2] = wanted[2], 0.0  # nothing moves any more that could be jerked
+        self._rate = rate
         part = dt_s / (FEED_FORWARD_TAU_S + dt_s)
         self._feed_forward = self._feed_forward + part * (rate - self._feed_forward)
         self._velocity = velocity
