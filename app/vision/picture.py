@@ -51,7 +51,7 @@ CLEAR, CLEAR_PX = 0.95, 36.0
 wrong by looking place by place."""
 SATURATED = 0.25
 """Part of the picture that is saturated from which rivals are fitted to what is left, each by itself; and how many."""
-NEAREST = 8
+NEAREST = 4
 BRIGHTEST_DN = 255.0
 MIN_CELLS = 24
 FLAT_PART = 0.03
@@ -189,9 +189,12 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
     if part[k] < margin + unsure:
         margin += unsure
     elif clipped > SATURATED and best.correlation >= least:
-        for rival in {*np.argsort(part)[:NEAREST].tolist(), *np.flatnonzero(rivals.must_differ).tolist()} - {0}:
-            part[rival], same[rival] = _beside_saturation(patch, cells, best, rivals, rival)
-        k = int(part.argmin())
+        nearest = [*np.flatnonzero(rivals.must_differ).tolist(), *np.argsort(part)[:NEAREST].tolist()]
+        for k in dict.fromkeys(nearest):
+            if k > 0:
+                part[k], same[k] = _beside_saturation(patch, cells, best, rivals, k)
+            if part[k] < margin:
+                break
     if part[k] < margin:
         text = (
             f"could as well be the landmark {rivals.names[k]}: {part[k] * 100:.0f}% of the difference to expect, under "
