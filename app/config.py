@@ -193,10 +193,11 @@ class GuidanceConfig(Section):
     closing_speed_max_m_s: float = Field(default=3.0, gt=0, le=15, description="relative to the pad")
     acceleration_max_m_s2: float = Field(default=4.0, gt=0, le=10)
     jerk_max_m_s3: float = Field(
-        default=200.0,
+        default=1000.0,
         gt=0,
-        le=1000,
-        description="of the commanded velocity; a press, a lost pad and a start are free of it",
+        le=10000,
+        description="of the commanded velocity; a press, a lost pad and a start are free of it. A limit that is felt, "
+        "200 and less, wants a position gain of 1.8 on PX4",
     )
     climb_speed_m_s: float = Field(default=1.0, gt=0, le=5)
     descend_speed_m_s: float = Field(default=0.8, gt=0, le=3, description="inside the cone, high up")
