@@ -27,7 +27,8 @@ NODES = 9
 """Points along the patch that go through the lens; between them pixels are interpolated. For a landmark of 60 px that
 is wrong by less than a hundredth of a pixel."""
 JUDGED_EXTENT = 1.12
-"""The middle part of it that is correlated: what lies beyond may be anything."""
+"""The middle part of the patch that is correlated, in sides of the outermost contour: what lies beyond may be
+anything."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
 BLURS_PER_OCTAVE = 4.0

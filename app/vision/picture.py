@@ -49,9 +49,9 @@ MIMICS = 0.06
 CLEAR, CLEAR_PX = 0.95, 36.0
 """So well explained a picture of so many pixels has no shadow or cover in it: a rival it could as well be is not proven
 wrong by looking place by place."""
-SATURATED = 0.25
-"""Part of the picture that is saturated from which rivals are fitted to what is left, each by itself; and how many."""
-NEAREST = 4
+SATURATED, NEAREST = 0.25, 4
+"""Part of the picture that is saturated from which rivals are fitted to what is left, each by itself; and how many,
+beside the landmark turned."""
 BRIGHTEST_DN = 255.0
 MIN_CELLS = 24
 FLAT_PART = 0.03
@@ -206,6 +206,7 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
             mimic = other.contrast > 0.0 and off < MIMICS * other.contrast
         else:
             mimic = False
+        # In a clear picture nothing is in the way that a look place by place would have to let in.
         mimic |= best.correlation > CLEAR and side_px(patch) > CLEAR_PX and part[k] < MARGIN and not same[k]
         refusal = Refusal.HEADING if rivals.must_differ[k] else Refusal.INNER_CORRELATION
         if best.correlation < least and not mimic:
