@@ -1,5 +1,5 @@
-"""Landmarks too small to show their contours: dark quadrangles (the outermost contour) and bright ones (its quiet zone)
-of a few pixels, compared with the drawing all at once. Each that resembles it gives hypotheses; nothing is confirmed
+"""Landmarks too small to show their contours: dark quadrangles (the outermost contour) and bright ones (its quiet zone,
+or the second contour) of a few pixels, compared with the drawing all at once. Each that resembles it gives hypotheses; nothing is confirmed
 here.
 """
 
@@ -50,9 +50,15 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
     quads, black = np.stack([quad for quad, _ in found]), tree.black_inside[[k for _, k in found]]
     middle = quads.mean(axis=1, keepdims=True)
     arm = quads - middle
-    # A contour runs through the middles of black pixels; a bright one is the quiet zone.
+    # A contour runs through the middles of black pixels; a bright one is the quiet zone, or the second contour, where
+    # a shadow or what lies beside the pad runs into the outermost.
     edge = math.sqrt(0.5) / np.sqrt((arm * arm).sum(axis=2)).mean(axis=1)
-    arm *= np.where(black, 1.0 + edge, (1.0 - edge) / grown)[:, None, None]
+    scale = np.where(black, 1.0 + edge, (1.0 - edge) / grown)
+    if (second := view.geometry.second_part) is not None:
+        middle = np.concatenate([middle, middle[~black]])
+        # The blur of the dark ring round it makes the second one smaller.
+        arm, scale = np.concatenate([arm, arm[~black]]), np.concatenate([scale, (1.0 + 0.5 * edge[~black]) / second])
+    arm = arm * scale[:, None, None]
     sides = np.sqrt(((arm - arm[:, [3, 0, 1, 2]]) ** 2).sum(axis=2)) * reduction
     fits = (sides.min(axis=1) >= SIDES_PX[0]) & (sides.max(axis=1) <= SIDES_PX[1])
     return prepared.to_frame((middle + arm)[fits][:MAX_BLOBS])

@@ -31,6 +31,7 @@ from app.vision.patch import Patch, View, near_view, rectify, resemblance, side_
 from app.vision.picture import Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
+from app.vision.relight import find_shadow_edge, relit
 from app.vision.shading import check_shaded
 from app.vision.table import Alignment as Reading
 from app.vision.table import alignments
@@ -58,6 +59,9 @@ MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
 NEAR_MIN_PX = 24.0
+RELIT_MIN_PX = 14.0
+RELIT_ROUNDS = 2
+"""The shadow's edge is found again on the map that it led to."""
 SHADED_MIN_PX = 24.0
 SHADED_REACHES_PX = (3.0, 2.5, FINE_REACH_PX)
 IN_PLACES_MAX_PX = 110.0
@@ -391,6 +395,22 @@ def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None)
     )
 
 
+def confirm_relit(rays_from_pad: Array, view: View) -> Found | Rejection:
+    """A landmark that a shadow's straight edge crosses: its picture is brought to one light, aligned and judged there.
+    """
+    matrix = rays_from_pad
+    found: Found | Rejection = Rejection(Refusal.CORRELATION, "no shadow's edge explains its picture")
+    for _ in range(RELIT_ROUNDS):
+        edge = find_shadow_edge(rectify(view, matrix), view.geometry)
+        lit = None if edge is None else relit(view, matrix, edge)
+        aligned = None if lit is None else align(lit, matrix)
+        if lit is None or aligned is None:
+            return found
+        matrix = aligned.rays_from_pad
+        found = judge_alignment(aligned, lit)
+    return found
+
+
 def _by_picture(maps: list[Array], view: View) -> list[tuple[Array, Patch, Explained]]:
     """Maps in the order in which the drawing explains what they see."""
     geometry = view.geometry
@@ -441,6 +461,13 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
             return found
         if nearest is None or found.test > nearest.test:
             nearest = found
+    if nearest is not None:
+        for matrix, patch, _ in ordered:
+            if RELIT_MIN_PX <= side_px(patch) < IN_PLACES_MAX_PX:
+                found = confirm_relit(matrix, view)
+                if isinstance(found, Found):
+                    return found
+                nearest = found if found.test > nearest.test else nearest
     return nearest or Rejection(Refusal.NO_NEST, "the same was refused before")
 
 

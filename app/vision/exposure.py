@@ -4,7 +4,8 @@ Every reading is divided by the exposure that its own frame had: what is left is
 command doesn't change. So a command that takes effect late can't make it swing, however late. With the pad in sight
 its white is brought to a set grey level; a pad so bright that its white saturates is read from its black. Without
 the pad the picture's middle grey stands in for it, by the ratio that the two had: at first as it was when the pad was
-last seen (it will still be in the picture), later as it was when the pad was last small in the picture.
+last seen (it will still be in the picture), later as it was when the pad was last small in the picture. Where the
+middle lies in the shade the pad may still lie in the sun: then nothing on the ground shall saturate, within bounds.
 Exposure time comes before gain (less noise) up to the time in which the pad's image moves a set way; gain gives the
 rest.
 """
@@ -21,7 +22,7 @@ from app.frames import Array
 from app.landmark import Landmark
 from app.messages import Detection, ExposureCommand, ExposureLimits, Frame, LightSource
 from app.vision.camera_model import Lens
-from app.vision.metering import SATURATED, PadLight, PadMeter, middle_grey
+from app.vision.metering import SATURATED, HighlightMeter, PadLight, PadMeter, middle_grey
 
 PAD_SHARE = 0.6
 """Of a pad's reading that a frame takes over (in stops), against its noise."""
@@ -40,6 +41,10 @@ HOLD_S = 0.5
 """A pad lost for longer is no longer in the picture."""
 RELAX_S = 3.0
 """Its ratio to the picture then fades to the configured one with this time constant."""
+HIGHLIGHT_MOST = 4.0
+"""So many times brighter than by the middle grey the pad's white is taken to be, if something on the ground is."""
+HIGHLIGHT_OVER = 1.5
+"""How many times more than full scale the light of what saturates is taken to be."""
 COVER_MAX = 0.3
 """A pad that covers less of the picture's middle leaves its median to the ground."""
 MOTION_FADE = 0.95
@@ -89,6 +94,7 @@ class ExposureSteering:
 
     def __init__(self, landmark: Landmark, lens: Lens, config: ExposureConfig, exposure_max_s: float) -> None:
         self._meter = PadMeter(landmark, lens)
+        self._highlights = HighlightMeter(lens)
         self._config = config
         self._exposure_max_s = exposure_max_s
 
@@ -112,7 +118,7 @@ class ExposureSteering:
         if pad is not None:
             state = self._see_pad(state, pad, picture, picture_light, total, frame.t_capture_s)
         else:
-            state = self._see_picture(state, picture_light, frame.t_capture_s)
+            state = self._see_picture(state, picture_light, frame, total)
         exposure_s, gain = self._split(state, limits)
         if not self._is_news(state, exposure_s, gain):
             return state, None
@@ -164,18 +170,22 @@ class ExposureSteering:
             motion_px_s=_motion(state, pad.centre_px, t_s),
         )
 
-    def _see_picture(self, state: ExposureState, picture_light: float, t_s: float) -> ExposureState:
+    def _see_picture(self, state: ExposureState, picture_light: float, frame: Frame, total: float) -> ExposureState:
+        t_s = frame.t_capture_s
         usual = self._light(self._config.white_level) / self._light(self._config.picture_level)
         ground = usual if state.pad_over_ground is None else state.pad_over_ground
         lost_s = t_s - state.t_pad_s
         if lost_s <= HOLD_S and state.pad_over_picture is not None:
-            over = state.pad_over_picture
+            white_light = state.pad_over_picture * picture_light
         else:
             ground *= (usual / ground) ** min(1.0, max(0.0, t_s - state.t_s) / RELAX_S)
-            over = ground
+            highlight = self._highlights.read(frame.image)
+            brightest = self._light(highlight) * (HIGHLIGHT_OVER if highlight >= SATURATED else 1.0) / total
+            white_light = ground * picture_light
+            white_light = min(max(white_light, brightest), HIGHLIGHT_MOST * white_light)
         return replace(
             state,
-            white_light=_towards(state.white_light, over * picture_light, PICTURE_SHARE),
+            white_light=_towards(state.white_light, white_light, PICTURE_SHARE),
             pad_over_ground=ground,
             t_s=t_s,
             motion_px_s=state.motion_px_s if lost_s <= HOLD_S else None,

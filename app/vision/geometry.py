@@ -29,6 +29,8 @@ is wrong by less than a hundredth of a pixel."""
 JUDGED_EXTENT = 1.12
 """The middle part of the patch that is correlated, in sides of the outermost contour: what lies beyond may be
 anything."""
+CENTRED = 0.02
+"""Sides of the outermost contour that another's middle may lie off its own."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
 BLURS_PER_OCTAVE = 4.0
@@ -253,6 +255,15 @@ class LandmarkGeometry:
             if len(self._rivals) > RIVALS_KEPT:
                 del self._rivals[next(iter(self._rivals))]
         return self._rivals[key]
+
+    @cached_property
+    def second_part(self) -> float | None:
+        """Side of the second contour in sides of the outermost, if it is a square in the middle of it."""
+        if len(self.landmark.contours) < 2:
+            return None
+        second = self.landmark.contours[1]
+        centred = float(np.abs(self.centroids[1]).max()) < CENTRED * self.size_m
+        return second.side_m / self.size_m if second.shape is Shape.SQUARE and centred else None
 
     @cached_property
     def patch_part(self) -> float:

@@ -6,6 +6,7 @@ the image. It decides nothing; exposure.py does.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -35,6 +36,12 @@ SATURATED = 250
 """Grey level from which the sensor may have had more light than it tells."""
 MIDDLE_STEP = 4
 """The picture is metered on every fourth pixel of its middle half."""
+HIGHLIGHT_STEP = 2
+HIGHLIGHT_SAMPLES = 16
+"""Highlights are looked for on every second pixel each way: as many samples are a part of a pad's white, when the pad
+is so small or so far in the shade that there is little more of it; a glint or the sensor's noise has fewer."""
+HIGHLIGHT_ANGLE_RAD = math.radians(60.0)
+"""Farther from the optical axis than this lies the sky, when the vehicle leans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +70,31 @@ def middle_grey(image: Image) -> float:
     if part.ndim == 3:
         part = np.asarray(cv2.cvtColor(np.ascontiguousarray(part), cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     return float(np.median(part))
+
+
+class HighlightMeter:
+    """Reads what is brightest on the ground.
+
+    Args:
+        lens: Of the camera.
+    """
+
+    def __init__(self, lens: Lens) -> None:
+        width, height = lens.size_px
+        v, u = np.mgrid[0:height:HIGHLIGHT_STEP, 0:width:HIGHLIGHT_STEP]
+        rays = lens.rays(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+        with np.errstate(invalid="ignore"):
+            near = rays[:, 2] >= math.cos(HIGHLIGHT_ANGLE_RAD) * np.linalg.norm(rays, axis=1)
+        self._mask: Grey = np.where(near.reshape(u.shape), 255, 0).astype(np.uint8)
+
+    def read(self, image: Image) -> float:
+        """Grey level that only a few pixels of the frame (of the lens's size) exceed."""
+        part = np.ascontiguousarray(image[::HIGHLIGHT_STEP, ::HIGHLIGHT_STEP])
+        if part.ndim == 3:
+            part = np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        counts = cv2.calcHist([part], [0], self._mask, [256], [0, 256]).ravel()
+        above = np.cumsum(counts[::-1])
+        return float(max(0, 255 - int(np.searchsorted(above, HIGHLIGHT_SAMPLES))))
 
 
 class PadMeter:
