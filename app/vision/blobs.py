@@ -30,23 +30,24 @@ QUAD_TOLERANCE = 0.07
 """Of Douglas and Peucker's, as a part of the contour's pixels."""
 MAX_BLOBS = 80
 MAX_MAPS = 4
-LIKENESS = 0.5
-"""Correlation with the drawing that is worth a closer look."""
+LIKENESS, LIKENESS_SECOND = 0.5, 0.62
+"""Correlation with the drawing that is worth a closer look, and of a box made from the second contour: many a bright
+spot has something dark round it."""
 
 
-def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
-    """(n, 4, 2) corners in the frame of what may be the outermost contour, clockwise."""
+def _boxes(tree: Tree, prepared: Prepared, view: View) -> tuple[Array, Array]:
+    """(n, 4, 2) corners in the frame of what may be the outermost contour, clockwise; (n,) likeness to ask for."""
     reduction = prepared.reduction
     grown = view.geometry.landmark.quiet_zone_m / view.geometry.size_m
     low, high = 2.6 * SIDES_PX[0] / reduction, 4.4 * SIDES_PX[1] * grown / reduction
-    least = MIN_FILLED * (SIDES_PX[0] / reduction) ** 2
+    smallest = MIN_FILLED * (SIDES_PX[0] / reduction) ** 2
     found = [
         (quad, k)
-        for k, area in _compact(tree, np.flatnonzero((tree.length >= low) & (tree.length <= high)), least)
+        for k, area in _compact(tree, np.flatnonzero((tree.length >= low) & (tree.length <= high)), smallest)
         if (quad := _quadrangle(tree.points[k], area)) is not None
     ]
     if not found:
-        return np.zeros((0, 4, 2))
+        return np.zeros((0, 4, 2)), np.zeros(0)
     quads, black = np.stack([quad for quad, _ in found]), tree.black_inside[[k for _, k in found]]
     middle = quads.mean(axis=1, keepdims=True)
     arm = quads - middle
@@ -54,14 +55,16 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> Array:
     # a shadow or what lies beside the pad runs into the outermost.
     edge = math.sqrt(0.5) / np.sqrt((arm * arm).sum(axis=2)).mean(axis=1)
     scale = np.where(black, 1.0 + edge, (1.0 - edge) / grown)
+    least = np.full(len(scale), LIKENESS)
     if (second := view.geometry.second_part) is not None:
         middle = np.concatenate([middle, middle[~black]])
         # The blur of the dark ring round it makes the second one smaller.
         arm, scale = np.concatenate([arm, arm[~black]]), np.concatenate([scale, (1.0 + 0.5 * edge[~black]) / second])
+        least = np.concatenate([least, np.full(int((~black).sum()), LIKENESS_SECOND)])
     arm = arm * scale[:, None, None]
     sides = np.sqrt(((arm - arm[:, [3, 0, 1, 2]]) ** 2).sum(axis=2)) * reduction
     fits = (sides.min(axis=1) >= SIDES_PX[0]) & (sides.max(axis=1) <= SIDES_PX[1])
-    return prepared.to_frame((middle + arm)[fits][:MAX_BLOBS])
+    return prepared.to_frame((middle + arm)[fits][:MAX_BLOBS]), least[fits][:MAX_BLOBS]
 
 
 def _compact(tree: Tree, nodes: NDArray[np.intp], least: float) -> list[tuple[int, float]]:
@@ -121,15 +124,15 @@ def _likeness(boxes: Array, view: View) -> Array:
 
 def blobs(tree: Tree, prepared: Prepared, view: View) -> list[tuple[list[Array], Array]]:
     """Hypotheses, the most alike first: maps rays_from_pad (3, 3) that differ in the heading, and the box (4, 2)."""
-    boxes = _boxes(tree, prepared, view)
+    boxes, least = _boxes(tree, prepared, view)
     if not len(boxes):
         return []
     alike = _likeness(boxes, view)
-    order = np.argsort(-alike.max(axis=1))[:MAX_MAPS]
+    best = alike.max(axis=1)
+    order = np.argsort(-best)
+    order = order[best[order] >= least[order]][:MAX_MAPS]
     found: list[tuple[list[Array], Array]] = []
     for k in order:
-        if alike[k].max() < LIKENESS:
-            break
         maps = [m for turn in np.argsort(-alike[k])[:2] if (m := _map(boxes[k], int(turn), view)) is not None]
         if maps:
             found.append((maps, boxes[k]))

@@ -28,7 +28,7 @@ from app.vision.fit import fit_run, project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.glare import is_blinded
 from app.vision.patch import Patch, View, near_view, rectify, resemblance, side_px
-from app.vision.picture import Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
+from app.vision.picture import WHOLE_MIN, Explained, Proof, check_inverted, check_likeness, check_picture, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, EdgeFit, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.relight import find_shadow_edge, relit
@@ -55,6 +55,8 @@ FOLLOWED_SHARE = 0.8
 AGAIN_MIN = 0.95
 SAME = 0.99
 """Correlation of two looks, one frame apart, that show the same thing; noise alone takes 0.002 to 0.03 of it."""
+UNSETTLED = 0.03
+"""Correlation that the judge may find and the alignment's last step did not; with less rivals need not be asked."""
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
@@ -372,6 +374,8 @@ def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
     score = aligned.correlation
+    if score < WHOLE_MIN - UNSETTLED:
+        return Rejection(Refusal.CORRELATION, f"correlation with the drawn landmark {score:.3f}, under {WHOLE_MIN:.3f}")
     same = before is not None and score > AGAIN_MIN and resemblance(before, patch) > SAME
     if not (same and aligned.contrast > MIN_CONTRAST):
         proof = check_picture(patch, geometry)
