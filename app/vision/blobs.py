@@ -1,6 +1,6 @@
 """Landmarks too small to show their contours: dark quadrangles (the outermost contour) and bright ones (its quiet zone,
-or the second contour) of a few pixels, compared with the drawing all at once. Each that resembles it gives hypotheses; nothing is confirmed
-here.
+or the second contour) of a few pixels, compared with the drawing all at once. Each that resembles it gives hypotheses;
+nothing is confirmed here.
 """
 
 from __future__ import annotations

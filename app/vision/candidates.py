@@ -400,8 +400,7 @@ def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None)
 
 
 def confirm_relit(rays_from_pad: Array, view: View) -> Found | Rejection:
-    """A landmark that a shadow's straight edge crosses: its picture is brought to one light, aligned and judged there.
-    """
+    """A landmark that a shadow's straight edge crosses: its picture is brought to one light, aligned and judged."""
     matrix = rays_from_pad
     found: Found | Rejection = Rejection(Refusal.CORRELATION, "no shadow's edge explains its picture")
     for _ in range(RELIT_ROUNDS):

@@ -38,6 +38,23 @@ def test_small_landmark_is_among_the_hypotheses(scene, maps, lens_name, side_px,
     assert maps.rms_px(aligned.rays_from_pad, view, lens, [0]) < 0.2
 
 
+@pytest.mark.parametrize("side_px", [24, 32, 40])
+@pytest.mark.parametrize("pad_yaw_deg", [0, 35])
+def test_landmark_whose_ring_runs_into_something_dark_is_found_by_its_second_contour(scene, maps, side_px, pad_yaw_deg):
+    h = scene.fisheye.f * 0.38 / side_px
+    view = scene.view(h, forward_m=0.06 * h, pad_yaw_deg=pad_yaw_deg)
+    zone, *contours = scene.polygons()
+    # A cable of half the pad's width, as dark as its black, lies over the quiet zone up to the ring.
+    cable = np.array([[0.19, -0.1], [0.9, -0.1], [0.9, 0.1], [0.19, 0.1]])
+    image = scene.draw(view, polygons=[zone, (cable, contours[0][1]), *contours], lawn=False)
+    off = [
+        maps.distances_px(m, view, scene.fisheye, [0]).max()
+        for several, _ in hypotheses(maps, image, scene.fisheye)
+        for m in several
+    ]
+    assert min(off) < 0.2 * side_px
+
+
 def test_hypothesis_comes_with_the_box_it_was_made_from(scene, maps):
     view = scene.view(4.0, forward_m=0.3, pad_yaw_deg=45)
     found = hypotheses(maps, scene.draw(view, lawn=False), scene.fisheye)

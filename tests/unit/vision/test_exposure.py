@@ -35,6 +35,7 @@ class Bench:
         self.state = ExposureState()
         self.level, self.seen, self.glare, self.speed_px_s = 1.0, True, False, 0.0
         self.ground, self.height_m = GROUND, HEIGHT_M
+        self.sunlit = None
         self.commands, self.frames = [], []
         self.exposure = (1e-3, 1.0)
         self._waiting = deque([self.exposure] * delay)
@@ -58,6 +59,8 @@ class Bench:
             self._waiting.append(self.exposure)
             exposure_s, gain = self._waiting.popleft()
             light = self._reflectance() * self.level * exposure_s * gain / (WELL_EXPOSED_S / 0.8)
+            if self.sunlit is not None:
+                light[10:22, 100:112] = self.sunlit * exposure_s * gain / (WELL_EXPOSED_S / 0.8)
             if self.glare:
                 light[54:61, 72:79] += 50.0
             grey = 255.0 * np.minimum(light, 1.0) ** (1.0 / self._gamma)
@@ -176,6 +179,20 @@ def test_picture_alone_is_brought_to_its_level():
     bench.run(60)
     grey = 255.0 * (GROUND * 0.3 * bench.total / (WELL_EXPOSED_S / 0.8)) ** (1 / 2.2)
     assert grey == pytest.approx(80, abs=5)
+
+
+@pytest.mark.parametrize(("brighter", "by"), [(0.7, 1.0), (2.5, 2.5), (12.0, 4.0)], ids=["no more", "more", "far more"])
+def test_what_is_brighter_than_a_pad_would_be_is_kept_from_saturating_within_bounds(brighter, by):
+    """The picture's middle lies in a shadow; beside it something white lies in the sun."""
+    usual = Bench(gamma=2.2, noise=0.5)
+    usual.seen = False
+    usual.run(60)
+    # White is taken to be so many times the light of the middle.
+    ratio = (205 / 80) ** 2.2
+    bench = Bench(gamma=2.2, noise=0.5)
+    bench.seen, bench.sunlit = False, brighter * ratio * GROUND
+    bench.run(90)
+    assert bench.total == pytest.approx(usual.total / by, rel=0.15)
 
 
 def test_still_pad_gets_exposure_time_before_gain():

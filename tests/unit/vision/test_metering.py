@@ -10,7 +10,7 @@ from app.config import LensConfig
 from app.landmark import paper_landmark
 from app.messages import Detection, Frame, PlaneFit, SeenContour
 from app.vision.camera_model import lens_from_config
-from app.vision.metering import PadMeter, middle_grey
+from app.vision.metering import HighlightMeter, PadMeter, middle_grey
 
 PAD = paper_landmark()
 LENS = LensConfig(model="pinhole", width_px=320, height_px=240, fx_px=250.0, fy_px=250.0, cx_px=159.5, cy_px=119.5)
@@ -109,3 +109,27 @@ def test_middle_grey_of_a_colour_picture_weighs_as_bt601():
     image = np.zeros((240, 320, 3), np.uint8)
     image[:] = (200, 100, 50)
     assert middle_grey(image) == pytest.approx(0.114 * 200 + 0.587 * 100 + 0.299 * 50, abs=1.0)
+
+
+@pytest.mark.parametrize(("side", "read"), [(0, 60), (6, 60), (12, 200)])
+def test_highlight_is_what_a_small_pad_would_be_and_no_glint(side, read):
+    image = np.full((240, 320), 60, np.uint8)
+    image[100 : 100 + side, 200 : 200 + side] = 200
+    assert HighlightMeter(lens_from_config(LENS)).read(image) == read
+
+
+def test_highlight_of_a_colour_picture_weighs_as_bt601():
+    image = np.zeros((240, 320, 3), np.uint8)
+    image[:] = (200, 100, 50)
+    expected = 0.114 * 200 + 0.587 * 100 + 0.299 * 50
+    assert HighlightMeter(lens_from_config(LENS)).read(image) == pytest.approx(expected, abs=1.0)
+
+
+def test_sky_in_a_fisheyes_corners_is_no_highlight():
+    fisheye = LensConfig(
+        model="equidistant", width_px=320, height_px=240, fx_px=107.5, fy_px=107.5, cx_px=159.5, cy_px=119.5
+    )
+    image = np.full((240, 320), 60, np.uint8)
+    # 64 degrees from the axis and more, at the left and right.
+    image[:, :39], image[:, -39:] = 255, 255
+    assert HighlightMeter(lens_from_config(fisheye)).read(image) == 60
