@@ -28,6 +28,9 @@ MIN_FILLED = 0.68
 """Area over that of the smallest rectangle round it."""
 QUAD_TOLERANCE = 0.07
 """Of Douglas and Peucker's, as a part of the contour's pixels."""
+LIKENESS_SHADED = 0.82
+"""The same in two lights, which fit many things."""
+MAX_SHADED = 2
 MAX_BLOBS = 80
 MAX_MAPS = 4
 LIKENESS, LIKENESS_SECOND = 0.5, 0.62
@@ -100,8 +103,10 @@ def _quadrangle(points: NDArray[np.int32], area: float) -> Array | None:
     return corners if cv2.contourArea(corners.astype(np.float32), oriented=True) > 0 else corners[::-1]
 
 
-def _likeness(boxes: Array, view: View) -> Array:
-    """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th."""
+def _likeness(boxes: Array, view: View) -> tuple[Array, Array]:
+    """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th; the same if a shadow's
+    edge may lie across it.
+    """
     geometry = view.geometry
     at = geometry.blob_grid
     middle = boxes.mean(axis=1)
@@ -113,13 +118,36 @@ def _likeness(boxes: Array, view: View) -> Array:
     values -= values.mean(axis=1, keepdims=True)
     values /= np.sqrt((values * values).sum(axis=1, keepdims=True)) + 1e-9
     side = np.sqrt((forward**2).sum(axis=1)) + np.sqrt((right**2).sum(axis=1))
-    found = np.zeros((len(boxes), 4))
+    found, shaded = np.zeros((len(boxes), 4)), np.zeros((len(boxes), 4))
     classes = np.round(2.0 * np.log2(side)).astype(int)
     for size in np.unique(classes):
         mine = classes == size
         cell_px = 2.0 ** (size / 2.0) * geometry.patch_part / PATCH
-        found[mine] = values[mine] @ geometry.blob_templates(PSF_SIGMA_PX / cell_px).T
-    return found
+        templates = geometry.blob_templates(PSF_SIGMA_PX / cell_px)
+        found[mine] = values[mine] @ templates.T
+        shaded[mine] = in_two_lights(values[mine], templates, geometry.blob_halves)
+    return found, shaded
+
+
+def in_two_lights(values: Array, templates: Array, halves: Array) -> Array:
+    """(n, t) correlation of greys with drawings that have a black and a white of their own on either side of a line,
+    the best of several lines.
+
+    Args:
+        values: (n, m) greys, of mean 0 and length 1.
+        templates: (t, m) drawings.
+        halves: (lines, m) 1 on one side of each line, 0 on the other.
+    """
+    left = np.zeros((len(values), len(templates), len(halves)))
+    for side in (halves, 1.0 - halves):
+        count = side.sum(axis=1)
+        drawn, squared = templates @ side.T, (templates * templates) @ side.T
+        spread = np.maximum(squared - drawn * drawn / count, 1e-12)
+        grey, grey_squared = values @ side.T, (values * values) @ side.T
+        both = np.stack([(values * drawing) @ side.T for drawing in templates], axis=1) - grey[:, None] * drawn / count
+        left += (grey_squared - grey * grey / count)[:, None] - np.where(both > 0.0, both * both / spread, 0.0)
+    result: Array = np.sqrt(np.clip(1.0 - left.min(axis=2), 0.0, 1.0))
+    return result
 
 
 def blobs(tree: Tree, prepared: Prepared, view: View) -> list[tuple[list[Array], Array]]:
@@ -127,10 +155,14 @@ def blobs(tree: Tree, prepared: Prepared, view: View) -> list[tuple[list[Array],
     boxes, least = _boxes(tree, prepared, view)
     if not len(boxes):
         return []
-    alike = _likeness(boxes, view)
-    best = alike.max(axis=1)
+    alike, shaded = _likeness(boxes, view)
+    best, best_shaded = alike.max(axis=1), shaded.max(axis=1)
     order = np.argsort(-best)
     order = order[best[order] >= least[order]][:MAX_MAPS]
+    dim = np.flatnonzero((best < least) & (best_shaded >= LIKENESS_SHADED))
+    dim = dim[np.argsort(-best_shaded[dim])][:MAX_SHADED]
+    alike[dim] = shaded[dim]
+    order = np.concatenate([order, dim])
     found: list[tuple[list[Array], Array]] = []
     for k in order:
         maps = [m for turn in np.argsort(-alike[k])[:2] if (m := _map(boxes[k], int(turn), view)) is not None]

@@ -466,7 +466,7 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
             nearest = found
     if nearest is not None:
         for matrix, patch, _ in ordered:
-            if RELIT_MIN_PX <= side_px(patch) < IN_PLACES_MAX_PX:
+            if RELIT_MIN_PX <= side_px(patch) < SMALL_PX:
                 found = confirm_relit(matrix, view)
                 if isinstance(found, Found):
                     return found

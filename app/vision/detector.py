@@ -24,7 +24,6 @@ from app.vision.blobs import blobs
 from app.vision.camera_model import Lens
 from app.vision.candidates import (
     FOLLOWED_SHARE,
-    IN_PLACES_MAX_PX,
     RELIT_MIN_PX,
     SHADED_MIN_PX,
     SMALL_PX,
@@ -371,7 +370,7 @@ class Detector:
             if led and k == 0:
                 ways.append(partial(follow_large, matrix, view, before))
             ways.append(partial(confirm_large, matrix, everything, view, WIDE_REACHES_PX))
-        if RELIT_MIN_PX <= track.side_px < IN_PLACES_MAX_PX:
+        if RELIT_MIN_PX <= track.side_px < SMALL_PX:
             ways.append(partial(confirm_relit, maps[0], view))
         if track.side_px >= SHADED_MIN_PX:
             ways.append(partial(confirm_shaded, maps[0], view, led))

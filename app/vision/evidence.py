@@ -48,6 +48,10 @@ OUTERMOST_ALONE = 0.75
 """And none is absent where all others together are whole; the outermost, that no cover hides alone, where they are by
 this part."""
 
+OUTER_LEAST = 0.4
+"""So much of the contours round some that are whole by OUTERMOST_ALONE must be there: no cover and no shadow hides more
+of them and little of those."""
+
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
     """Area ratios and concentricity of a run, rectified by the fit; scale_px is pixels per metre on the pad.
@@ -147,6 +151,18 @@ def check_sandwiched(edges: Edges, geometry: LandmarkGeometry) -> Rejection | No
         whole = NEIGHBOUR_WHOLE if k else OUTERMOST_ALONE
         if edges.confirmed[k] < ABSENT * edges.in_view[k] and confirmed > whole * others > 0:
             return _not_there(k, 0 if k else 1, edges, geometry)
+    return _check_outer(edges, geometry)
+
+
+def _check_outer(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether what lies round contours that are whole is there as well."""
+    for k in range(2, len(edges.in_view)):
+        seen, inner = int(edges.in_view[:k].sum()), int(edges.in_view[k:].sum())
+        there, whole = int(edges.confirmed[:k].sum()), int(edges.confirmed[k:].sum())
+        if min(seen, inner) >= 4 * CONTOUR_POINTS and there < OUTER_LEAST * seen and whole > OUTERMOST_ALONE * inner:
+            name = geometry.landmark.contours[k].name
+            text = f"what lies round {name} is not as drawn ({there / seen * 100:.0f}% of its sides), though {name} is"
+            return Rejection(Refusal.SIDES, text)
     return None
 
 

@@ -33,6 +33,9 @@ CENTRED = 0.02
 """Sides of the outermost contour that another's middle may lie off its own."""
 BLOB_GRID = PATCH // 2
 """Samples along the patch of which small landmarks are told at a first glance."""
+BLOB_ANGLES = 8
+BLOB_OFFSETS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+"""Half sides of the outermost contour from its middle to where a shadow's edge may lie across it."""
 BLURS_PER_OCTAVE = 4.0
 RIVALS_KEPT = 6
 """Blurs whose rivals are kept, oldest out first: each is 12 MB, and a flight runs through twenty of them."""
@@ -283,6 +286,16 @@ class LandmarkGeometry:
         at = PATCH_EXTENT * (1.0 - (2.0 * np.arange(BLOB_GRID) + 1.0) / BLOB_GRID)
         forward, right = np.meshgrid(at, -at, indexing="ij")
         return np.column_stack([forward[self._blob_cells], right[self._blob_cells]])
+
+    @cached_property
+    def blob_halves(self) -> Array:
+        """(lines, m) 1 for the samples on one side of a line across the landmark, 0 for the others."""
+        forward, right = self.blob_grid.T
+        found = []
+        for angle in math.pi * np.arange(BLOB_ANGLES) / BLOB_ANGLES:
+            across = math.cos(angle) * forward + math.sin(angle) * right
+            found += [across > offset for offset in BLOB_OFFSETS]
+        return np.array(found, dtype=np.float64)
 
     def blob_templates(self, sigma_cells: float) -> Array:
         """(4, m) the drawing at those samples, of mean 0 and length 1, turned so that its corner k takes the place of

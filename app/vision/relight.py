@@ -29,7 +29,7 @@ FEWEST_CELLS = 40
 """On either side of it."""
 EXPLAINED = 0.75
 """Correlation of the patch with the drawing in two lights, under which there is nothing to take a shadow out of."""
-GAIN = 0.7
+GAIN = 0.6
 """The two lights must leave less than this part of what one light leaves unexplained."""
 DIMMEST, BRIGHTEST = 0.06, 0.85
 """Contrast in the shade over that in the light: in less nothing is seen, with more there is no shadow."""

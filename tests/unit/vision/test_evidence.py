@@ -163,6 +163,17 @@ def test_outermost_that_is_absent_round_a_whole_inside_is_refused(maps):
     assert refused.text.startswith("S1 is not as drawn (2% of its sides)")
 
 
+@pytest.mark.parametrize(
+    ("confirmed", "refused"),
+    [([15, 12, 23, 24, 37], True), ([20, 17, 23, 24, 37], False), ([15, 12, 15, 20, 20], False)],
+)
+def test_inside_without_what_is_drawn_round_it_is_refused(maps, confirmed, refused):
+    """The inside of a landmark in a ring of another width: a part of its points has an edge by chance."""
+    found = check_sandwiched(seen_edges([40, 40, 30, 30, 40], confirmed, 40, 36), maps.geometry)
+    assert (found is not None) == refused
+    assert found is None or "what lies round T3" in found.text
+
+
 # --------------------------------------------------------------------------------------------------- place by place
 @pytest.mark.parametrize("side_px", [40, 80, 110])
 def test_places_of_the_landmark_agree(scene, maps, side_px):
