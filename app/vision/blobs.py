@@ -104,8 +104,8 @@ def _quadrangle(points: NDArray[np.int32], area: float) -> Array | None:
 
 
 def _likeness(boxes: Array, view: View) -> tuple[Array, Array]:
-    """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th; the same if a shadow's
-    edge may lie across it.
+    """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th; the same where a
+    shadow's edge may lie across it.
     """
     geometry = view.geometry
     at = geometry.blob_grid
