@@ -82,7 +82,7 @@ PREDICTED_S = 0.2
 EXCESS, EXCESS_UNSEEN = 1.7, 5.0
 """Squared errors of poses over what the fits' scatter says: measured on the benchmark's frames, whose renderer shares
 nothing with these fits."""
-LOCAL_WINDOWS_PX = (21, 81)
+LOCAL_WINDOWS_PX = (13, 81)
 """The local threshold compares a pixel with the mean of a window of so many pixels round it."""
 PATIENT_AFTER = 30
 """Frames of a sequence without the landmark after which the costly ways take turns: what comes into view stays for
