@@ -26,9 +26,7 @@ from app.vision.candidates import (
     FOLLOWED_SHARE,
     RELIT_MIN_PX,
     SHADED_MIN_PX,
-    SMALL_PX,
     Candidate,
-    Found,
     confirm,
     confirm_large,
     confirm_partial,
@@ -58,6 +56,7 @@ from app.vision.preprocess import (
 from app.vision.refine import FINE_REACH_PX
 from app.vision.refusal import Refusal, Rejection
 from app.vision.threshold import ThresholdState, after_miss, after_success, ladder, threshold_now
+from app.vision.verdict import SMALL_PX, Found
 
 ROI_MARGIN_PX = 32
 ROI_MARGIN_PART = 0.35

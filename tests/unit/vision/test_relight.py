@@ -7,11 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from app.vision.candidates import Found, Rejection, confirm_relit, confirm_small
+from app.vision.candidates import confirm_relit, confirm_small
 from app.vision.patch import rectify
 from app.vision.picture import check_picture
+from app.vision.refusal import Rejection
 from app.vision.relight import find_shadow_edge, relit
 from app.vision.template import PATCH, PATCH_EXTENT
+from app.vision.verdict import Found
 
 T3, T4, S5 = 2, 3, 4
 PATCH_HALF_M = 0.5 * PATCH_EXTENT * 0.38
