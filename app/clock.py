@@ -8,7 +8,6 @@ a socket: those live in real time.
 from __future__ import annotations
 
 import asyncio
-import heapq
 import selectors
 import time
 from collections.abc import Callable, Coroutine
@@ -77,9 +76,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def _jump(self, timeout_s: float) -> None:
         scheduled: list[asyncio.TimerHandle] = getattr(self, "_scheduled", [])
-        due = heapq.nsmallest(1, scheduled)
-        # Straight to the timer, not by the rounded time-out: the same instants on every machine.
-        self._now_s = max(self._now_s, due[0].when()) if due else self._now_s + timeout_s
+        # Straight to the timer, not by the rounded time-out: the same instants on every machine. The loop keeps its
+        # timers as a heap, the next one first.
+        self._now_s = max(self._now_s, scheduled[0].when()) if scheduled else self._now_s + timeout_s
 
 
 def run_virtual(main: Coroutine[Any, Any, T], start_s: float = 0.0) -> T:
