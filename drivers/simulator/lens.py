@@ -41,16 +41,21 @@ class Lens:
         """(n, 2) pixels u, v of points (n, 3) in the camera's axes; NaN where the lens doesn't see them."""
         x, y, z = np.asarray(points, dtype=np.float64).T
         c = self._config
-        with np.errstate(divide="ignore", invalid="ignore"):
-            if c.model == "pinhole":
-                a, b = self._brown(np.where(z > 1e-9, x / z, np.nan), np.where(z > 1e-9, y / z, np.nan))
-            else:
-                side = np.hypot(x, y)
-                theta = np.arctan2(side, z)
-                scale = np.where(side > 1e-12, self._radius(theta) / side, 1.0 / z)
+        result = np.empty((len(x), 2))
+        if c.model == "pinhole":
+            seen = z > 1e-9
+            depth = np.where(seen, z, np.nan)
+            a, b = self._brown(x / depth, y / depth)
+        else:
+            # On the axis the radius over the distance from it is that of the smallest angle: the lens is straight there.
+            side = np.maximum(np.hypot(x, y), 1e-12)
+            theta = np.arctan2(side, z)
+            scale = self._radius(theta) / side
+            if theta.max() >= ANGLE_MAX_RAD:
                 scale = np.where(theta < ANGLE_MAX_RAD, scale, np.nan)
-                a, b = x * scale, y * scale
-        return np.column_stack([c.fx_px * a + c.cx_px, c.fy_px * b + c.cy_px])
+            a, b = x * scale, y * scale
+        result[:, 0], result[:, 1] = c.fx_px * a + c.cx_px, c.fy_px * b + c.cy_px
+        return result
 
     def rays(self) -> NDArray[np.float32]:
         """(height, width, 3) unit directions of the pixel centres."""
@@ -76,6 +81,8 @@ class Lens:
 
     def _brown(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Distorted tangents of undistorted ones."""
+        if not any(self._k):
+            return x, y
         k1, k2, p1, p2, k3 = self._k
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -97,6 +104,8 @@ class Lens:
 
     def _radius(self, theta: Array) -> Array:
         """Radius over f of an angle off the axis."""
+        if not any(self._k):
+            return theta
         k1, k2, k3, k4 = self._k
         t2 = theta * theta
         result: Array = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))

@@ -63,15 +63,15 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
 
 def lay_print(light: Plane, camera: Camera, view: View, layers: tuple[Layer, ...], place: Place) -> None:
     """Lay a board, and what is printed on it, over the light."""
-    board = camera.box(view, layers[0].rim_m, place)
+    boxes = camera.boxes(view, [layer.rim_m for layer in layers], place)
+    board = boxes[0]
     if board is None:
         return
     scale = view.on_plane(place)
     u0, v0, u1, v1 = board
     part = (slice(v0, v1), slice(u0, u1))
     per_pixel = _per_pixel(view.north[part], view.east[part], camera.pixel_angle[part], view.distance_m(place), scale)
-    for layer in layers:
-        box = camera.box(view, layer.rim_m, place)
+    for layer, box in zip(layers, boxes, strict=True):
         if box is None:
             continue
         a0, b0, a1, b1 = max(box[0], u0), max(box[1], v0), min(box[2], u1), min(box[3], v1)

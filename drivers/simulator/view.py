@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import cv2
 import numpy as np
@@ -192,20 +194,34 @@ class Camera:
 
     def box(self, view: View, rim_m: Array, place: Place) -> Box | None:
         """What of the image an outline (n, 2) forward, right may cover; None: nothing."""
+        return self.boxes(view, (rim_m,), place)[0]
+
+    def boxes(self, view: View, rims_m: Sequence[Array], place: Place) -> list[Box | None]:
+        """What of the image each of some outlines (n, 2) forward, right in one place may cover; None: nothing."""
         if view.distance_m(place) < CLOSEST_M:
-            return None
-        pixels = self.lens.project((place.world(rim_m) - view.position) @ view.world_from_cam)
-        width, height = self.lens.width, self.lens.height
-        low, high = pixels.min(axis=0), pixels.max(axis=0)
-        if math.isnan(low[0]):
-            # Part of the rim is out of the lens's sight: the pixels of the rest bound nothing.
-            if np.isnan(pixels[:, 0]).all():
-                return None
-            low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
+            return [None] * len(rims_m)
+        rims = rims_m[0] if len(rims_m) == 1 else np.concatenate(rims_m)
+        pixels = self.lens.project((place.world(rims) - view.position) @ view.world_from_cam)
+        starts = [0, *accumulate(len(rim) for rim in rims_m[:-1])]
+        lows, highs = np.minimum.reduceat(pixels, starts).tolist(), np.maximum.reduceat(pixels, starts).tolist()
+        found: list[Box | None] = []
+        for start, rim, low, high in zip(starts, rims_m, lows, highs, strict=True):
+            if not math.isnan(low[0]):
+                found.append(self._around(*low, *high))
+            elif np.isnan(pixels[start : start + len(rim), 0]).all():
+                found.append(None)
+            else:
+                # Part of the rim is out of the lens's sight: the pixels of the rest bound nothing.
+                found.append((0, 0, self.lens.width, self.lens.height))
+        return found
+
+    def _around(self, left: float, top: float, right: float, bottom: float) -> Box | None:
+        """What of the image lies about pixels within these."""
         # A side bends between its points by a distorted lens: two pixels more, and a share of the size.
-        margin = 2.0 + 0.02 * float((high - low).max())
-        u0, v0 = max(0, math.floor(low[0] - margin)), max(0, math.floor(low[1] - margin))
-        u1, v1 = min(width, math.ceil(high[0] + margin) + 1), min(height, math.ceil(high[1] + margin) + 1)
+        margin = 2.0 + 0.02 * max(right - left, bottom - top)
+        u0, v0 = max(0, math.floor(left - margin)), max(0, math.floor(top - margin))
+        u1 = min(self.lens.width, math.ceil(right + margin) + 1)
+        v1 = min(self.lens.height, math.ceil(bottom + margin) + 1)
         return None if u1 <= u0 or v1 <= v0 else (u0, v0, u1, v1)
 
     def is_filled(self, view: View, rim_m: Array, place: Place) -> bool:
