@@ -20,6 +20,8 @@ BLACK = 0.045
 WHITE = 0.78
 
 
+UNSEEN = 5e-4
+"""Alpha that changes no grey level by as much as a tenth."""
 FULL = 65535.0
 """A whole in a decal's 16 bits: half the memory of floats."""
 CHANNELS = 4
@@ -38,7 +40,7 @@ class Decal:
         texel_m: Of the first level.
         front_m: Where the front edge of the first row is, along the forward axis of the decal's frame.
         left_m: Where the left edge of the first column is, along the right axis (negative: to the left).
-        rim_m: (n, 2) forward, right of points round its rim.
+        rim_m: (n, 2) forward, right of points round what can be seen of it.
     """
 
     levels: tuple[Texels, ...]
@@ -71,11 +73,26 @@ def outline(corners: NDArray[np.float64], parts: int = 8) -> NDArray[np.float64]
 
 def decal(value: Plane | None, alpha: Plane, texel_m: float, front_m: float, left_m: float) -> Decal:
     """A decal of a reflectance (None: a shadow) and an alpha (rows, columns), with its smaller copies."""
-    rows, columns = alpha.shape
-    corners = rectangle(front_m, left_m + columns * texel_m, front_m - rows * texel_m, left_m)
     clear = 1.0 - alpha
     picture = clear if value is None else np.dstack([value * alpha, clear, *(2 * [np.zeros_like(alpha)])])
-    return Decal(_levels(picture.astype(np.float32)), texel_m, front_m, left_m, outline(corners))
+    rim = outline(_octagon(alpha, texel_m, front_m, left_m))
+    return Decal(_levels(picture.astype(np.float32)), texel_m, front_m, left_m, rim)
+
+
+def _octagon(alpha: Plane, texel_m: float, front_m: float, left_m: float) -> NDArray[np.float64]:
+    """(4 to 8, 2) forward, right of corners about what can be seen: most canvases are clear towards their corners."""
+    row, column = np.nonzero(alpha > UNSEEN)
+    seen = np.column_stack([front_m - (row + 0.5) * texel_m, left_m + (column + 0.5) * texel_m])
+    angle = np.arange(8) * math.pi / 4.0
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    # Half a texel's diagonal more, for what a texel's own corners reach.
+    reach = (seen @ normal.T).max(axis=0) + 0.71 * texel_m
+    # Each corner lies where one side meets the next, an eighth of a turn on.
+    along = (np.roll(reach, -1) - reach * math.cos(math.pi / 4.0)) / math.sin(math.pi / 4.0)
+    corners: NDArray[np.float64] = reach[:, None] * normal + along[:, None] * np.column_stack(
+        [-normal[:, 1], normal[:, 0]]
+    )
+    return corners[np.hypot(*(np.roll(corners, -1, axis=0) - corners).T) > texel_m]
 
 
 def grid(rows: int, columns: int, texel_m: float, front_m: float, left_m: float) -> tuple[Plane, Plane]:

@@ -133,12 +133,13 @@ class Renderer:
         deck = van.panels[-1].picture if van is not None else self._boat.deck if self._boat is not None else None
         if camera.is_filled(view, self._layers[0].rim_m, place):
             light = np.zeros_like(view.north)
-        elif deck is not None and camera.is_filled(view, 0.9 * deck.rim_m, place) and self._boat is None:
-            light = np.zeros_like(view.north)
-            lay(light, camera, view, deck, place)
         else:
-            light = self._draw_surroundings(view, van)
-        lay(light, camera, view, board_shadow(self._landmark, *sun), place)
+            if deck is not None and self._boat is None and camera.is_filled(view, 0.9 * deck.rim_m, place):
+                light = np.zeros_like(view.north)
+                lay(light, camera, view, deck, place)
+            else:
+                light = self._draw_surroundings(view, van)
+            lay(light, camera, view, board_shadow(self._landmark, *sun), place)
         lay_print(light, camera, view, self._layers, place)
         self._draw_drone_shadow(light, view, place.height_m)
         if self._edge is not None:
