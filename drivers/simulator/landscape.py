@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from drivers.simulator.textures import FINE_STEP, LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
+from drivers.simulator.textures import STEP, LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
 from drivers.simulator.view import CLOSEST_M, Array, Camera, View
 
 SKY = 0.45
@@ -49,7 +49,7 @@ class Landscape:
         gain, lift = self._broad(view, height_m)
         size = (lens.width, lens.height)
         bright = cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR)
-        cv2.multiply(drawn, bright, dst=light, scale=FINE_STEP, dtype=cv2.CV_32F)
+        cv2.multiply(drawn, bright, dst=light, scale=STEP, dtype=cv2.CV_32F)
         if float(lift.max()) > 0.0:
             cv2.add(light, cv2.resize(lift, size, interpolation=cv2.INTER_LINEAR), dst=light)
         return light
@@ -65,7 +65,8 @@ class Landscape:
             drawn.append(cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
         slant = 1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1]
         haze = np.clip((slant - HAZE_FROM) / (HAZE_TO - HAZE_FROM), 0.0, 1.0)
-        broad = cv2.multiply(drawn[0], drawn[1], scale=textures.reflectance) * (1.0 - haze)
+        scale = textures.reflectance * STEP * STEP
+        broad = cv2.multiply(drawn[0], drawn[1], scale=scale, dtype=cv2.CV_32F) * (1.0 - haze)
         gain = broad * np.minimum(DETAIL_STRETCH / slant, 1.0)
         lift = broad - gain + SKY * haze
         return np.asarray(gain, dtype=np.float32), np.asarray(lift, dtype=np.float32)

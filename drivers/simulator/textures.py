@@ -1,7 +1,7 @@
 """The ground's textures: lawn and asphalt, made from a seed, tiles that repeat without a seam.
 
 A tile holds reflectance relative to its mean. Three tiles of different size and direction are multiplied (blades or
-aggregate; patches; the lie of the land), so that no repetition shows. All are float32.
+aggregate; patches; the lie of the land), so that no repetition shows.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Plane = NDArray[np.float32]
+Texels = NDArray[np.uint16]
 
 TILE_PX = 2048
 TILE_M = 2.56
 """1.25 mm a texel: finer than a pixel from 0.6 m up."""
 WIDE_PX = 512
-FINE_STEP = 1.0 / 4096.0
-"""Of the fine tiles' whole numbers: 16 bits warp in two thirds of the time of floats."""
+STEP = 1.0 / 4096.0
+"""Of the tiles' whole numbers: 16 bits warp in two thirds of the time of floats."""
 SEAM_PX = 2
 """Each tile is stored with this many of its first rows and columns again behind its last: no seam when interpolated."""
 REFLECTANCE = {"lawn": 0.105, "asphalt": 0.13, "water": 0.07}
@@ -35,15 +36,15 @@ class Ground:
     """The textures of one kind of ground.
 
     Attributes:
-        fine: Square tiles from TILE_PX down, each 1 / sqrt 2 of the one before; all TILE_M wide; in FINE_STEPs.
-        patches: Square tile, PATCH_M wide.
-        land: Square tile, LAND_M wide.
+        fine: Square tiles from TILE_PX down, each 1 / sqrt 2 of the one before; all TILE_M wide; in STEPs.
+        patches: Square tile, PATCH_M wide; in STEPs.
+        land: Square tile, LAND_M wide; in STEPs.
         reflectance: Mean.
     """
 
-    fine: tuple[NDArray[np.uint16], ...]
-    patches: Plane
-    land: Plane
+    fine: tuple[Texels, ...]
+    patches: Texels
+    land: Texels
     reflectance: float
 
 
@@ -62,17 +63,17 @@ def ground(kind: str, seed: int) -> Ground:
     patches = _clouds(source, WIDE_PX, (3.0, 9.0, 30.0), (0.5, 0.7, 1.0))
     land = _clouds(source, WIDE_PX, (4.0, 16.0, 60.0), (0.6, 0.7, 1.0))
     return Ground(
-        tuple(np.round(np.clip(_seamless(tile) / FINE_STEP, 0, 65535)).astype(np.uint16) for tile in fine),
+        tuple(_seamless(tile) for tile in fine),
         _seamless(np.clip(1.0 + patchy * patches, 0.4, 1.7)),
         _seamless(np.clip(1.0 + hilly * land, 0.5, 1.6)),
         REFLECTANCE[kind],
     )
 
 
-def _seamless(tile: NDArray[np.floating[Any]]) -> Plane:
-    """A tile with its first rows and columns again behind its last."""
-    result: Plane = np.pad(tile, ((0, SEAM_PX), (0, SEAM_PX)), mode="wrap").astype(np.float32)
-    return result
+def _seamless(tile: NDArray[np.floating[Any]]) -> Texels:
+    """A tile in STEPs, with its first rows and columns again behind its last."""
+    whole = np.round(np.clip(tile / STEP, 0, 65535)).astype(np.uint16)
+    return np.pad(whole, ((0, SEAM_PX), (0, SEAM_PX)), mode="wrap")
 
 
 def _shrink(tile: Plane, size: int) -> Plane:
