@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,8 +25,6 @@ UNSEEN = 5e-4
 """Alpha that changes no grey level by as much as a tenth."""
 FULL = 65535.0
 """A whole in a decal's 16 bits: half the memory of floats."""
-CHANNELS = 4
-"""Two are used: OpenCV warps four in little more time than one, and two in three times as much."""
 Texels = NDArray[np.uint16]
 
 
@@ -34,31 +33,29 @@ class Decal:
     """A picture with its scale.
 
     Attributes:
-        levels: (rows, columns, CHANNELS): reflectance times alpha, and 1 - alpha, of FULL; each half the size of the
-            one before; first row: front, first column: left. (rows, columns): 1 - alpha of what is black throughout (a
-            shadow).
+        clear: (rows, columns) 1 - alpha, of FULL; each half the size of the one before; first row: front, first column:
+            left.
+        bright: (rows, columns) reflectance times alpha, of FULL, of the same sizes; none for what is black throughout
+            (a shadow). A plane of its own: OpenCV warps two planes in the time of two channels padded to four, and
+            what has to be fetched is half as much.
         texel_m: Of the first level.
         front_m: Where the front edge of the first row is, along the forward axis of the decal's frame.
         left_m: Where the left edge of the first column is, along the right axis (negative: to the left).
         rim_m: (n, 2) forward, right of points round what can be seen of it.
     """
 
-    levels: tuple[Texels, ...]
+    clear: tuple[Texels, ...]
+    bright: tuple[Texels, ...]
     texel_m: float
     front_m: float
     left_m: float
     rim_m: NDArray[np.float64]
 
-    @property
-    def is_shadow(self) -> bool:
-        """Black throughout."""
-        return self.levels[0].ndim == 2
 
-
-def _levels(picture: NDArray[np.float32]) -> tuple[Texels, ...]:
-    levels = [picture]
-    while min(levels[-1].shape[:2]) >= 8 and all(side % 2 == 0 for side in levels[-1].shape[:2]):
-        rows, columns = levels[-1].shape[:2]
+def _levels(plane: NDArray[np.floating[Any]]) -> tuple[Texels, ...]:
+    levels = [plane.astype(np.float32)]
+    while min(levels[-1].shape) >= 8 and all(side % 2 == 0 for side in levels[-1].shape):
+        rows, columns = levels[-1].shape
         half = cv2.resize(levels[-1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
         levels.append(np.asarray(half, dtype=np.float32))
     return tuple(np.round(np.clip(level, 0.0, 1.0) * FULL).astype(np.uint16) for level in levels)
@@ -73,10 +70,9 @@ def outline(corners: NDArray[np.float64], parts: int = 8) -> NDArray[np.float64]
 
 def decal(value: Plane | None, alpha: Plane, texel_m: float, front_m: float, left_m: float) -> Decal:
     """A decal of a reflectance (None: a shadow) and an alpha (rows, columns), with its smaller copies."""
-    clear = 1.0 - alpha
-    picture = clear if value is None else np.dstack([value * alpha, clear, *(2 * [np.zeros_like(alpha)])])
+    bright = () if value is None else _levels(value * alpha)
     rim = outline(_octagon(alpha, texel_m, front_m, left_m))
-    return Decal(_levels(picture.astype(np.float32)), texel_m, front_m, left_m, rim)
+    return Decal(_levels(1.0 - alpha), bright, texel_m, front_m, left_m, rim)
 
 
 def _octagon(alpha: Plane, texel_m: float, front_m: float, left_m: float) -> NDArray[np.float64]:

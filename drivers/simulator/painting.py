@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from drivers.simulator.decals import FULL, Decal, outline
+from drivers.simulator.decals import FULL, Decal, Texels, outline
 from drivers.simulator.print import Layer, paint_layer
 from drivers.simulator.textures import Plane
 from drivers.simulator.view import Array, Camera, Place, View
@@ -37,7 +37,7 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
     factor = max(1, min(FACTOR_MAX, math.isqrt(SAMPLES_MAX // ((u1 - u0) * (v1 - v0)))))
     wanted_m = view.distance_m(place) / camera.lens.focal_px / factor
     finest = math.floor(math.log2(max(wanted_m / picture.texel_m, 1e-6)) + 0.35)
-    level = max(0, min(len(picture.levels) - 1, finest))
+    level = max(0, min(len(picture.clear) - 1, finest))
     texel_m = picture.texel_m * 2**level
     forward, right, depth = view.on_plane(place)
     north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
@@ -50,15 +50,18 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
         scale = _linear(depth, north, east)
         cv2.divide(u, scale, dst=u)
         cv2.divide(v, scale, dst=v)
-    beside = (FULL,) if picture.is_shadow else (0.0, FULL)
-    drawn = cv2.remap(picture.levels[level], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=beside)
-    if factor > 1:
-        drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
+
+    def warp(plane: Texels, beside: float) -> Texels:
+        drawn = cv2.remap(plane, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(beside,))
+        if factor > 1:
+            drawn = cv2.resize(drawn, (u1 - u0, v1 - v0), interpolation=cv2.INTER_AREA)
+        return np.asarray(drawn, dtype=np.uint16)
+
     under = light[v0:v1, u0:u1]
-    clear = drawn if picture.is_shadow else cv2.extractChannel(drawn, 1)
-    cv2.multiply(under, clear, dst=under, scale=1.0 / FULL, dtype=cv2.CV_32F)
-    if not picture.is_shadow:
-        cv2.addWeighted(under, 1.0, cv2.extractChannel(drawn, 0), 1.0 / FULL, 0.0, dst=under, dtype=cv2.CV_32F)
+    cv2.multiply(under, warp(picture.clear[level], FULL), dst=under, scale=1.0 / FULL, dtype=cv2.CV_32F)
+    if picture.bright:
+        bright = warp(picture.bright[level], 0.0)
+        cv2.addWeighted(under, 1.0, bright, 1.0 / FULL, 0.0, dst=under, dtype=cv2.CV_32F)
 
 
 def lay_print(light: Plane, camera: Camera, view: View, layers: tuple[Layer, ...], place: Place) -> None:
