@@ -17,14 +17,11 @@ SAMPLES_MAX = 40_000
 FACTOR_MAX = 4
 
 
-def _enlarge(plane: Plane, factor: int) -> Plane:
-    """A plane at factor times the samples, pixel areas kept in place."""
-    return np.asarray(cv2.resize(plane, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-
-
-def _linear(row: Array, north: Plane, east: Plane) -> Plane:
-    """A linear form of the slopes."""
+def _linear(row: Array, north: Plane, east: Plane, factor: int = 1) -> Plane:
+    """A linear form of the slopes, at factor times the samples, pixel areas kept in place."""
     found = cv2.addWeighted(north, float(row[0]), east, float(row[1]), float(row[2]))
+    if factor > 1:
+        found = cv2.resize(found, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
     return np.asarray(found, dtype=np.float32)
 
 
@@ -41,13 +38,11 @@ def lay(light: Plane, camera: Camera, view: View, picture: Decal, place: Place) 
     texel_m = picture.texel_m * 2**level
     forward, right, depth = view.on_plane(place)
     north, east = view.north[v0:v1, u0:u1], view.east[v0:v1, u0:u1]
-    if factor > 1:
-        north, east = _enlarge(north, factor), _enlarge(east, factor)
     # Columns run to the right from the left edge, rows backward from the front edge; texel centres at whole numbers.
-    u = _linear((right - picture.left_m * depth) / texel_m - 0.5 * depth, north, east)
-    v = _linear((picture.front_m * depth - forward) / texel_m - 0.5 * depth, north, east)
+    u = _linear((right - picture.left_m * depth) / texel_m - 0.5 * depth, north, east, factor)
+    v = _linear((picture.front_m * depth - forward) / texel_m - 0.5 * depth, north, east, factor)
     if place.axes is not None:
-        scale = _linear(depth, north, east)
+        scale = _linear(depth, north, east, factor)
         cv2.divide(u, scale, dst=u)
         cv2.divide(v, scale, dst=v)
 
