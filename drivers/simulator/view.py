@@ -131,6 +131,22 @@ def _combine(planes: tuple[Plane, ...], weights: Array, out: Plane) -> None:
     cv2.scaleAdd(planes[2], float(weights[2]), out, dst=out)
 
 
+def _shifted(truth: Truth, shift_s: float) -> Truth:
+    """The truth a little before or after its instant; the vehicle's attitude and what its pad has of speed stay."""
+    pad = truth.pad
+    n, e, d = (at + shift_s * speed for at, speed in zip(truth.pos, truth.vel, strict=True))
+    moved = replace(
+        pad,
+        north_m=pad.north_m + shift_s * pad.vel_north_m_s,
+        east_m=pad.east_m + shift_s * pad.vel_east_m_s,
+        down_m=pad.down_m + shift_s * pad.vel_down_m_s,
+        heading_rad=pad.heading_rad + shift_s * pad.heading_rate_rad_s,
+        roll_rad=pad.roll_rad + shift_s * pad.roll_rate_rad_s,
+        pitch_rad=pad.pitch_rad + shift_s * pad.pitch_rate_rad_s,
+    )
+    return Truth(truth.t_s + shift_s, (n, e, d), truth.vel, truth.q, truth.rates, moved)
+
+
 class Camera:
     """A lens on a vehicle.
 
@@ -163,9 +179,10 @@ class Camera:
     def look(self, truth: Truth, shift_s: float = 0.0) -> View:
         """The view a little before or after an instant. It is valid until the next: the planes are used again."""
         position = np.array(truth.pos) + shift_s * np.array(truth.vel)
-        p, q, r = (shift_s * rate for rate in truth.rates)
-        small = np.array([[1.0, -r, q], [r, 1.0, -p], [-q, p, 1.0]])
-        world_from_body = rotation_from_quaternion(np.array(truth.q)) @ small
+        world_from_body = rotation_from_quaternion(np.array(truth.q))
+        if shift_s != 0.0:
+            p, q, r = (shift_s * rate for rate in truth.rates)
+            world_from_body = world_from_body @ np.array([[1.0, -r, q], [r, 1.0, -p], [-q, p, 1.0]])
         world_from_cam: Array = world_from_body @ self._body_from_cam
         north, east, down = self._planes
         for plane, row in zip(self._planes, world_from_cam, strict=True):
@@ -173,23 +190,7 @@ class Camera:
         np.clip(down, HORIZON, 2.0, out=down)
         cv2.divide(north, down, dst=north)
         cv2.divide(east, down, dst=east)
-        pad = truth.pad
-        shifted = Truth(
-            truth.t_s + shift_s,
-            (float(position[0]), float(position[1]), float(position[2])),
-            truth.vel,
-            truth.q,
-            truth.rates,
-            replace(
-                pad,
-                north_m=pad.north_m + shift_s * pad.vel_north_m_s,
-                east_m=pad.east_m + shift_s * pad.vel_east_m_s,
-                down_m=pad.down_m + shift_s * pad.vel_down_m_s,
-                heading_rad=pad.heading_rad + shift_s * pad.heading_rate_rad_s,
-                roll_rad=pad.roll_rad + shift_s * pad.roll_rate_rad_s,
-                pitch_rad=pad.pitch_rad + shift_s * pad.pitch_rate_rad_s,
-            ),
-        )
+        shifted = truth if shift_s == 0.0 else _shifted(truth, shift_s)
         return View(position + world_from_body @ self._position_body_m, world_from_cam, north, east, shifted)
 
     def box(self, view: View, rim_m: Array, place: Place) -> Box | None:
