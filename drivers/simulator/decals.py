@@ -77,18 +77,22 @@ def decal(value: Plane | None, alpha: Plane, texel_m: float, front_m: float, lef
 
 def _octagon(alpha: Plane, texel_m: float, front_m: float, left_m: float) -> NDArray[np.float64]:
     """(4 to 8, 2) forward, right of corners about what can be seen: most canvases are clear towards their corners."""
-    row, column = np.nonzero(alpha > UNSEEN)
-    seen = np.column_stack([front_m - (row + 0.5) * texel_m, left_m + (column + 0.5) * texel_m])
+    there = alpha > UNSEEN
+    row = np.nonzero(there.any(axis=1))[0]
+    # The first and the last texel of each row bound all between.
+    first, last = there[row].argmax(axis=1), alpha.shape[1] - 1 - there[row, ::-1].argmax(axis=1)
+    rows, columns = np.concatenate([row, row]), np.concatenate([first, last])
+    seen = np.column_stack([front_m - (rows + 0.5) * texel_m, left_m + (columns + 0.5) * texel_m])
     angle = np.arange(8) * math.pi / 4.0
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
     # Half a texel's diagonal more, for what a texel's own corners reach.
     reach = (seen @ normal.T).max(axis=0) + 0.71 * texel_m
     # Each corner lies where one side meets the next, an eighth of a turn on.
     along = (np.roll(reach, -1) - reach * math.cos(math.pi / 4.0)) / math.sin(math.pi / 4.0)
-    corners: NDArray[np.float64] = reach[:, None] * normal + along[:, None] * np.column_stack(
-        [-normal[:, 1], normal[:, 0]]
-    )
-    return corners[np.hypot(*(np.roll(corners, -1, axis=0) - corners).T) > texel_m]
+    corners = reach[:, None] * normal + along[:, None] * np.column_stack([-normal[:, 1], normal[:, 0]])
+    length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    apart: NDArray[np.float64] = corners[length > texel_m]
+    return apart
 
 
 def grid(rows: int, columns: int, texel_m: float, front_m: float, left_m: float) -> tuple[Plane, Plane]:

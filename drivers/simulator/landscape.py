@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from drivers.simulator.textures import STEP, LAND_M, PATCH_M, SEAM_PX, TILE_M, TILE_PX, Plane, ground
+from drivers.simulator.textures import LAND_M, PATCH_M, SEAM_PX, STEP, TILE_M, TILE_PX, Plane, ground
 from drivers.simulator.view import CLOSEST_M, Array, Camera, View
 
 SKY = 0.45

@@ -47,7 +47,7 @@ class Lens:
             depth = np.where(seen, z, np.nan)
             a, b = self._brown(x / depth, y / depth)
         else:
-            # On the axis the radius over the distance from it is that of the smallest angle: the lens is straight there.
+            # On the axis the scale is that of a very small angle: the lens is straight there.
             side = np.maximum(np.hypot(x, y), 1e-12)
             theta = np.arctan2(side, z)
             scale = self._radius(theta) / side

@@ -99,6 +99,6 @@ class Sensor:
         sign = 1.0 if self._source.integers(2) else -1.0
         strength = sign * math.sqrt(max(1.0, gain))
         cv2.scaleAdd(noise, strength, work, dst=work)
-        # OpenCV's own step from floats to grey levels takes the magnitude; its sums with one built in take twice as long.
-        cv2.max(work, 0.0, dst=work)
+        # OpenCV's own step to grey levels takes the magnitude; a sum that ends in grey levels takes twice as long.
+        np.clip(work, 0.0, 255.0, out=work)
         return np.asarray(cv2.convertScaleAbs(work), dtype=np.uint8)
