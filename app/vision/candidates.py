@@ -23,6 +23,9 @@ from app.vision.table import Alignment as Reading
 from app.vision.table import alignments
 from app.vision.verdict import SMALL_PX, Found, judge_alignment, judge_edges
 
+ALIKE_MIN = 0.5
+"""Correlation with the drawing that a map must have before it is measured. Of rendered landmarks, covered, shaded and
+cut ones too, the right maps have 0.56 and more; of those made from single sides of other things most have less."""
 FIRST_REACH_PX = 4.0
 NEXT_REACH_PX = 3.0
 REACH_PART = 0.012
@@ -171,6 +174,9 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
     ordered = _by_picture(maps, view)
     if not ordered:
         return Rejection(Refusal.SHAPE, "too little of it lies in the image")
+    if ordered[0][2].correlation < ALIKE_MIN:
+        text = f"correlation with the drawn landmark {ordered[0][2].correlation:.2f}, under {ALIKE_MIN:.2f}"
+        return Rejection(Refusal.CORRELATION, text)
     nearest: Rejection | None = None
     outer = view.geometry.corners[view.geometry.slices[0]]
     for matrix, patch, _ in ordered[:2]:
