@@ -121,6 +121,7 @@ class LandmarkGeometry:
         self.point_slanted: NDArray[np.bool_] = np.abs(self.unit_tangents).min(axis=1) > SLANTED
         self._templates: dict[int, Template] = {}
         self._rivals: dict[int, Rivals] = {}
+        self._blob_templates: dict[int, Array] = {}
         self._inners: dict[int, LandmarkGeometry] = {}
         self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
@@ -301,13 +302,13 @@ class LandmarkGeometry:
         """(4, m) the drawing at those samples, of mean 0 and length 1, turned so that its corner k takes the place of
         the first one.
         """
-        white = self.template(sigma_cells).white
-        half = BLOB_GRID
-        small = white.reshape(half, PATCH // half, half, PATCH // half).mean(axis=(1, 3))
-        rows = np.stack([np.rot90(small, turn)[self._blob_cells] for turn in range(4)])
-        rows -= rows.mean(axis=1, keepdims=True)
-        result: Array = rows / np.sqrt((rows * rows).sum(axis=1, keepdims=True))
-        return result
+        key = self._blur_key(sigma_cells)
+        if key not in self._blob_templates:
+            small = self.template(sigma_cells).white.reshape(BLOB_GRID, PATCH // BLOB_GRID, BLOB_GRID, -1)
+            turned = [np.rot90(small.mean(axis=(1, 3)), turn)[self._blob_cells] for turn in range(4)]
+            rows = np.stack(turned) - np.mean(turned, axis=1, keepdims=True)
+            self._blob_templates[key] = rows / np.sqrt((rows * rows).sum(axis=1, keepdims=True))
+        return self._blob_templates[key]
 
     def _blurred(self, sigma_cells: float, variant: int) -> Array:
         """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
