@@ -32,6 +32,8 @@ SAME = 0.99
 UNSETTLED = 0.03
 """Correlation that the judge may find and the alignment's last step did not; with less rivals need not be asked."""
 NEAR_MIN_PX = 24.0
+INSIDE_MIN_PX = 40.0
+"""Of a small landmark that large the inside is looked at from nearer."""
 IN_PLACES_MAX_PX = 110.0
 """Larger landmarks show all their edges, and these decide."""
 MIN_GAP_SEEN_PX = 1.0
@@ -254,6 +256,17 @@ def check_in_places(patch: Patch, geometry: LandmarkGeometry, least: Least, deep
     return windows
 
 
+def _mimic_inside(rays_from_pad: Array, view: View) -> Rejection | None:
+    """Why what lies inside the second contour is something else, seen from nearer: of the whole picture it is a few
+    cells.
+    """
+    if len(view.geometry.landmark.contours) < 3:
+        return None
+    near, matrix = near_view(view, rays_from_pad, 2)
+    proof = check_picture(rectify(near, matrix), near.geometry)
+    return proof.rejection if proof.mimic else None
+
+
 def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None) -> Found | Rejection:
     """An alignment, confirmed or refused; before as for confirm_small."""
     geometry, patch = view.geometry, aligned.patch
@@ -269,6 +282,9 @@ def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None)
         score = proof.correlation
         if proof.rejection is not None:
             return proof.rejection
+        mimic = _mimic_inside(aligned.rays_from_pad, view) if size_px >= INSIDE_MIN_PX else None
+        if mimic is not None:
+            return mimic
     count = len(geometry.landmark.contours)
     resolved = 2
     while resolved < count and geometry.outer_gap_m[resolved] * size_px / geometry.size_m >= MIN_GAP_SEEN_PX:

@@ -165,7 +165,7 @@ def test_outermost_that_is_absent_round_a_whole_inside_is_refused(maps):
 
 @pytest.mark.parametrize(
     ("confirmed", "refused"),
-    [([15, 12, 23, 24, 37], True), ([20, 17, 23, 24, 37], False), ([15, 12, 15, 20, 20], False)],
+    [([24, 22, 23, 24, 37], True), ([28, 22, 23, 24, 37], False), ([15, 12, 15, 20, 20], False)],
 )
 def test_inside_without_what_is_drawn_round_it_is_refused(maps, confirmed, refused):
     """The inside of a landmark in a ring of another width: a part of its points has an edge by chance."""
