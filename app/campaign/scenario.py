@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from app.config import RigConfig, checked, read_config, resolve
 from app.config_world import OcclusionConfig
@@ -21,9 +22,17 @@ SIMULATOR = "simulator.toml"
 """The rig of a scenario that names none."""
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _pair(value: Any) -> Any:
     """One number is a range of itself."""
-    return (value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+    if _is_number(value):
+        return value, value
+    if isinstance(value, list | tuple) and len(value) == 2 and all(map(_is_number, value)):
+        return tuple(value)
+    raise PydanticCustomError("range", "must be a number, or [low, high]")
 
 
 Range = Annotated[tuple[float, float], BeforeValidator(_pair)]
