@@ -27,9 +27,9 @@ FLAT = 0.08
 """Standard deviation in a window, as a part of the usual contrast, under which the image shows nothing."""
 MUTE_DN = 250.0
 """A window whose mean is brighter is saturated."""
-MIN_AGREE, MIN_AGREE_WHOLE = 0.5, 0.68
+MIN_AGREE, MIN_AGREE_WHOLE = 0.5, 0.7
 """Part of the places that must agree: of what lies inside, and of the whole landmark. Rendered landmarks under shadows,
-glare and covers reach 0.50 and 0.71; with a contour of another size 0.66 agree at most."""
+glare and covers reach 0.50 and 0.71; with a contour of another size or turned 0.68 agree at most."""
 FEWEST = 20
 FEWEST_TO_WIN = 12
 """Places that suit a rival alone, from which it is what the picture shows."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.landmark import Landmark, Shape, gaps_m
 from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template
-from app.vision.variants import FINE, drawings, gaps_to_points
+from app.vision.variants import FINE, Variant, drawings, gaps_to_points
 
 SAMPLES_PER_SIDE = 10
 SLANTED = 0.1
@@ -212,7 +212,7 @@ class LandmarkGeometry:
         return self.landmark.contours[0].area_m2 / (cell_m**2 * len(self.cells(None)))
 
     @cached_property
-    def _drawings(self) -> list[tuple[str, int, NDArray[np.float32]]]:
+    def _drawings(self) -> list[Variant]:
         """See variants.drawings."""
         return drawings(self.landmark)
 
@@ -249,13 +249,14 @@ class LandmarkGeometry:
                 turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
                 templates.append(Template(turned, own.sigma_cells))
                 contour.append(0)
-            for variant, (name, which, _) in enumerate(self._drawings):
-                if variant > 0:
-                    names.append(name)
-                    differ.append(False)
-                    templates.append(self._drawn_at(key, variant))
-                    contour.append(which)
-            self._rivals[key] = Rivals(names, differ, templates, contour)
+            reshaped = [False] * len(names)
+            for number, variant in enumerate(self._drawings[1:], 1):
+                names.append(variant.name)
+                differ.append(False)
+                templates.append(self._drawn_at(key, number))
+                contour.append(variant.contour)
+                reshaped.append(variant.reshaped)
+            self._rivals[key] = Rivals(names, differ, templates, contour, reshaped)
             if len(self._rivals) > RIVALS_KEPT:
                 del self._rivals[next(iter(self._rivals))]
         return self._rivals[key]
@@ -313,7 +314,7 @@ class LandmarkGeometry:
     def _blurred(self, sigma_cells: float, variant: int) -> Array:
         """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
         sigma = sigma_cells * FINE
-        drawing = self._drawings[variant][2]
+        drawing = self._drawings[variant].drawing
         blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in drawing]
         cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
         return np.asarray(cells, dtype=np.float64)

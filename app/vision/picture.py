@@ -46,6 +46,9 @@ CLIPPED, CLIPPED_COSTS, CLIPPED_MOST = 0.3, 1.0, 0.35
 """The margin grows as well with the part of the picture that is saturated beyond this, which tells nothing."""
 MIMICS = 0.06
 """A rival that leaves less than this is what the picture shows."""
+INNERMOST_MIN_PX, FAR_BETTER = 8.0, 0.5
+"""The innermost contour shows its shape from that side on; and another shape leaves less than this part of what the
+drawn one leaves if it is there: 0.05 to 0.3 for triangles and diamonds, 0.9 and more where it is as drawn."""
 CLEAR, CLEAR_PX = 0.95, 36.0
 """So well explained a picture of so many pixels has no shadow or cover in it: a rival it could as well be is not proven
 wrong by looking place by place."""
@@ -216,6 +219,29 @@ def check_picture(patch: Patch, geometry: LandmarkGeometry) -> Proof:
         text = f"correlation with the drawn landmark {best.correlation:.3f}, under {least:.3f}"
         return Proof(Rejection(Refusal.CORRELATION, text), best.correlation)
     return Proof(None, best.correlation)
+
+
+def check_innermost(patch: Patch, geometry: LandmarkGeometry) -> Rejection | None:
+    """Whether the innermost contour has another shape than drawn: seen from so near, that shape explains the picture
+    far better. Where it is covered or in a glare, no shape does.
+
+    Args:
+        patch: At the map in question, of the innermost contour alone.
+        geometry: Of that contour.
+    """
+    if not patch.whole or side_px(patch) < INNERMOST_MIN_PX:
+        return None
+    cells = geometry.cells(None)
+    clipped = None if patch.clipped is None else patch.clipped[cells]
+    rivals, grey = geometry.rivals(PSF_SIGMA_PX / patch.cell_px), patch.grey.ravel()[cells]
+    own = explain(grey, rivals.templates[0], cells, clipped)
+    others = [(k, explain(grey, rivals.templates[k], cells, clipped)) for k in np.flatnonzero(rivals.reshaped).tolist()]
+    k, best = min(others, key=lambda o: o[1].left)
+    if best.contrast > MIN_CONTRAST and best.left < FAR_BETTER * own.left:
+        part = best.left / own.left
+        text = f"it is the landmark {rivals.names[k]}, which leaves {part * 100:.0f}% of what the drawn one leaves"
+        return Rejection(Refusal.INNER_CORRELATION, text)
+    return None
 
 
 def _beside_saturation(

@@ -162,14 +162,21 @@ class Rivals:
         must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
         templates: As seen; the first one is the landmark itself.
         contour: (n,) the outermost one that differs.
+        reshaped: (n,) whether nothing but the innermost contour's shape differs.
     """
 
     def __init__(
-        self, names: list[str], must_differ: list[bool], templates: list[Template], contour: list[int]
+        self,
+        names: list[str],
+        must_differ: list[bool],
+        templates: list[Template],
+        contour: list[int],
+        reshaped: list[bool],
     ) -> None:
         self.names = names
         self.contour = np.array(contour)
         self.must_differ = np.array(must_differ)
+        self.reshaped = np.array(reshaped)
         self.templates = templates
         self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
 

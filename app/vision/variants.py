@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,31 +21,51 @@ FINE = 4
 """Points along a cell when the drawing is made."""
 
 
-def drawings(landmark: Landmark) -> list[tuple[str, int, NDArray[np.float32]]]:
-    """The landmark first, then its variants: name, outermost contour that differs, and drawing (see _drawn)."""
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """The landmark, or what it must not be taken for.
+
+    Attributes:
+        name: What is changed, for people.
+        contour: The outermost one that differs.
+        drawing: See _drawn.
+        reshaped: Whether the innermost contour has another shape, and all else is as drawn.
+    """
+
+    name: str
+    contour: int
+    drawing: NDArray[np.float32]
+    reshaped: bool = False
+
+
+def drawings(landmark: Landmark) -> list[Variant]:
+    """The landmark first, then its variants."""
     own = [(c.corners_m, c.black) for c in landmark.contours]
-    found = [("as drawn", 0, _drawn(landmark, own))]
+    found = [Variant("as drawn", 0, _drawn(landmark, own))]
     for k, contour in enumerate(landmark.contours):
         changes: list[tuple[str, Array]] = []
         if k > 0:
-            found.append((f"without {contour.name}", k, _drawn(landmark, own[:k])))
+            found.append(Variant(f"without {contour.name}", k, _drawn(landmark, own[:k])))
         if contour.shape is Shape.TRIANGLE:
             changes.append(("upside down", 2.0 * contour.centroid_m - contour.corners_m))
         if contour.shape is Shape.TRIANGLE or (k == 0 and len(own) > 1):
             changes.append(("a disc", contour.centroid_m + _regular(24, contour.area_m2, 0.0)))
         for word, factor in (("larger", 1.3), ("smaller", 0.7)) if k > 0 else ():
             changes.append((word, contour.centroid_m + factor * (contour.corners_m - contour.centroid_m)))
-        if contour is landmark.contours[-1]:
-            changes += [*_other_shapes(contour), *_other_places(contour)]
+        innermost = contour is landmark.contours[-1]
+        shapes = _other_shapes(contour) if innermost else []
+        changes += [*shapes, *(_other_places(contour) if innermost else ())]
         for name, corners in changes:
             changed = [*own[:k], (corners, contour.black), *own[k + 1 :]]
-            found.append((f"with {contour.name} {name}", k, _drawn(landmark, changed)))
+            reshaped = any(name == shape for shape, _ in shapes)
+            found.append(Variant(f"with {contour.name} {name}", k, _drawn(landmark, changed), reshaped))
     if len(own) > 2:
         for name, sign in (("clockwise", 1.0), ("counterclockwise", -1.0)):
             c, s = math.cos(sign * INSIDE_TURNED_RAD), math.sin(sign * INSIDE_TURNED_RAD)
             centre, turn = landmark.contours[2].centroid_m, np.array([[c, s], [-s, c]])
             inside = [(centre + (corners - centre) @ turn, black) for corners, black in own[2:]]
-            found.append((f"with {landmark.contours[2].name} turned {name}", 2, _drawn(landmark, own[:2] + inside)))
+            text = f"with {landmark.contours[2].name} turned {name}"
+            found.append(Variant(text, 2, _drawn(landmark, own[:2] + inside)))
     return found
 
 

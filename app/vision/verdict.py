@@ -17,7 +17,14 @@ from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.glare import is_blinded
 from app.vision.patch import Patch, View, near_view, rectify, resemblance, side_px
-from app.vision.picture import WHOLE_MIN, Proof, check_inverted, check_likeness, check_picture
+from app.vision.picture import (
+    WHOLE_MIN,
+    Proof,
+    check_innermost,
+    check_inverted,
+    check_likeness,
+    check_picture,
+)
 from app.vision.refine import NEARLY_ALL, EdgeFit
 from app.vision.refusal import Refusal, Rejection
 from app.vision.shading import check_shaded
@@ -189,6 +196,8 @@ def _judge_edges(fit: EdgeFit, view: View, before: Patch | None) -> Found | Reje
         # Once more from nearer, where the heading and the innermost contours are.
         near, matrix = near_view(view, fit.rays_from_pad, first)
         refused = check_in_places(rectify(near, matrix), near.geometry, INSIDE).rejection
+    if refused is None:
+        refused = _another_innermost(fit, view)
     if refused is not None:
         return refused
     proven = None if inside is None or inside.rejection is not None else first
@@ -225,6 +234,15 @@ def _prove_inside(fit: EdgeFit, first: int, view: View) -> Proof | None:
     aligned = align(near, matrix, 2)
     # Where most is saturated little holds the picture in place; the edges do.
     return check_picture(rectify(near, matrix) if aligned is None else aligned.patch, near.geometry)
+
+
+def _another_innermost(fit: EdgeFit, view: View) -> Rejection | None:
+    """Why the innermost contour is not the drawn one, where it is black and has others round it."""
+    last = len(view.geometry.landmark.contours) - 1
+    if last < 2 or not view.geometry.landmark.contours[last].black:
+        return None
+    near, matrix = near_view(view, fit.rays_from_pad, last)
+    return check_innermost(rectify(near, matrix), near.geometry)
 
 
 def _found(fit: EdgeFit, score: float, look: Patch, view: View, proven: int | None = None) -> Found | Rejection:

@@ -8,7 +8,7 @@ from app.vision.align import align
 from app.vision.candidates import confirm_large, confirm_shaded, confirm_small
 from app.vision.evidence import check_contours, check_edges, check_sandwiched, heading_is_open
 from app.vision.patch import near_view, rectify, resemblance
-from app.vision.picture import check_picture
+from app.vision.picture import check_innermost, check_picture
 from app.vision.refine import Edges, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.shading import check_shaded, local_levels
@@ -225,6 +225,49 @@ def test_places_of_the_landmark_turned_are_refused(scene, maps, quarters, check)
 def test_places_of_another_drawing_inside_are_refused(scene, maps, changed, drawn, light, check):
     refused = check(*inside(maps, scene, 80, polygons=changed(**drawn), light=light)).rejection
     assert refused.test in {Refusal.INNER_CORRELATION, Refusal.CORRELATION}
+
+
+def innermost(maps, scene, side_px, **drawn):
+    """A patch at the true map of the innermost square alone, and its geometry."""
+    view = at_side(scene, side_px)
+    near, matrix = near_view(maps.look_at(scene.draw(view, **drawn), scene.fisheye), maps.true(view), S5)
+    return rectify(near, matrix), near.geometry
+
+
+def with_another_innermost(scene, corners):
+    *outer, (square, grey) = scene.polygons()
+    arm = 0.5 * np.linalg.norm(square[1] - square[0])
+    return [*outer, (square.mean(axis=0) + arm * np.asarray(corners), grey)]
+
+
+@pytest.mark.parametrize("side_px", [80, 120, 250])
+@pytest.mark.parametrize(
+    "light", [None, lambda p: np.where(p[..., 0] > 0.4 * p[..., 1], 1.0, 0.35)], ids=["", "shadow"]
+)
+def test_innermost_contour_as_drawn_is_no_other(scene, maps, side_px, light):
+    assert check_innermost(*innermost(maps, scene, side_px, light=light)) is None
+
+
+@pytest.mark.parametrize(
+    ("corners", "name"),
+    [
+        # Clockwise from above, in half sides of the square: forward, right.
+        ([[1.4, 0], [0, 1.4], [-1.4, 0], [0, -1.4]], "diamond"),
+        ([[1.6, 0], [-0.8, 1.4], [-0.8, -1.4]], "triangle"),
+        ([[-1.6, 0], [0.8, -1.4], [0.8, 1.4]], "triangle"),
+    ],
+)
+@pytest.mark.parametrize("side_px", [80, 120])
+def test_innermost_contour_of_another_shape_is_named(scene, maps, side_px, corners, name):
+    refused = check_innermost(*innermost(maps, scene, side_px, polygons=with_another_innermost(scene, corners)))
+    assert refused is not None
+    assert name in refused.text
+
+
+def test_innermost_contour_that_is_covered_is_no_other_shape(scene, maps):
+    square, _ = scene.polygons()[-1]
+    leaf = (square.mean(axis=0) + np.array([[0.06, -0.02], [0.03, 0.05], [-0.05, 0.04], [-0.04, -0.05]]), 110)
+    assert check_innermost(*innermost(maps, scene, 120, polygons=[*scene.polygons(), leaf])) is None
 
 
 @pytest.mark.parametrize("side_px", [50, 80, 110])
