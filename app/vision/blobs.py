@@ -28,14 +28,16 @@ MIN_FILLED = 0.68
 """Area over that of the smallest rectangle round it."""
 QUAD_TOLERANCE = 0.07
 """Of Douglas and Peucker's, as a part of the contour's pixels."""
-LIKENESS_SHADED = 0.82
-"""The same in two lights, which fit many things."""
-MAX_SHADED = 2
 MAX_BLOBS = 80
 MAX_MAPS = 4
 LIKENESS, LIKENESS_SECOND = 0.5, 0.62
 """Correlation with the drawing that is worth a closer look, and of a box made from the second contour: many a bright
 spot has something dark round it."""
+LIKENESS_SHADED = 0.82
+"""The same in two lights, which fit many things."""
+MAX_SHADED = 2
+DRAWN = 0.5
+"""In two lights the drawing must leave less than this part of what the two lights alone leave."""
 
 
 def _boxes(tree: Tree, prepared: Prepared, view: View) -> tuple[Array, Array]:
@@ -131,21 +133,26 @@ def _likeness(boxes: Array, view: View) -> tuple[Array, Array]:
 
 def in_two_lights(values: Array, templates: Array, halves: Array) -> Array:
     """(n, t) correlation of greys with drawings that have a black and a white of their own on either side of a line,
-    the best of several lines.
+    the best of several lines; 0 where the drawing explains little that two even greys don't.
 
     Args:
         values: (n, m) greys, of mean 0 and length 1.
         templates: (t, m) drawings.
         halves: (lines, m) 1 on one side of each line, 0 on the other.
     """
-    left = np.zeros((len(values), len(templates), len(halves)))
+    left, plain = np.zeros((len(values), len(templates), len(halves))), np.zeros((len(values), len(halves)))
     for side in (halves, 1.0 - halves):
         count = side.sum(axis=1)
         drawn, squared = templates @ side.T, (templates * templates) @ side.T
         spread = np.maximum(squared - drawn * drawn / count, 1e-12)
         grey, grey_squared = values @ side.T, (values * values) @ side.T
         both = np.stack([(values * drawing) @ side.T for drawing in templates], axis=1) - grey[:, None] * drawn / count
-        left += (grey_squared - grey * grey / count)[:, None] - np.where(both > 0.0, both * both / spread, 0.0)
+        flat = grey_squared - grey * grey / count
+        plain += flat
+        left += flat[:, None] - np.where(both > 0.0, both * both / spread, 0.0)
+    left[left > DRAWN * plain[:, None]] = 1.0
+    flat_out = (values * values).sum(axis=1) < 0.5
+    left[flat_out] = 1.0
     result: Array = np.sqrt(np.clip(1.0 - left.min(axis=2), 0.0, 1.0))
     return result
 

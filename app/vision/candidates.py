@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from app.frames import Array
-from app.vision.align import STEPS, align
+from app.vision.align import STEPS, Alignment, align
 from app.vision.contours import Nest
 from app.vision.evidence import check_rectified
 from app.vision.fit import fit_run, project_pad
@@ -24,8 +24,9 @@ from app.vision.table import alignments
 from app.vision.verdict import SMALL_PX, Found, judge_alignment, judge_edges
 
 ALIKE_MIN = 0.5
-"""Correlation with the drawing that a map must have before it is measured. Of rendered landmarks, covered, shaded and
-cut ones too, the right maps have 0.56 and more; of those made from single sides of other things most have less."""
+"""Correlation with the drawing in one light that a map must have before it is measured, but for a shadow's edge. Of
+rendered landmarks, covered, shaded and cut ones too, the right maps have 0.56 and more, unless the shade is very deep;
+of those made from single sides of other things most have less."""
 FIRST_REACH_PX = 4.0
 NEXT_REACH_PX = 3.0
 REACH_PART = 0.012
@@ -128,16 +129,17 @@ def confirm_small(
 def confirm_relit(rays_from_pad: Array, view: View) -> Found | Rejection:
     """A landmark that a shadow's straight edge crosses: its picture is brought to one light, aligned and judged."""
     matrix = rays_from_pad
-    found: Found | Rejection = Rejection(Refusal.CORRELATION, "no shadow's edge explains its picture")
+    last: tuple[Alignment, View] | None = None
     for _ in range(RELIT_ROUNDS):
         edge = find_shadow_edge(rectify(view, matrix), view.geometry)
         lit = None if edge is None else relit(view, matrix, edge)
         aligned = None if lit is None else align(lit, matrix)
         if lit is None or aligned is None:
-            return found
-        matrix = aligned.rays_from_pad
-        found = judge_alignment(aligned, lit)
-    return found
+            break
+        matrix, last = aligned.rays_from_pad, (aligned, lit)
+    if last is None:
+        return Rejection(Refusal.CORRELATION, "no shadow's edge explains its picture")
+    return judge_alignment(*last)
 
 
 def _by_picture(maps: list[Array], view: View) -> list[tuple[Array, Patch, Explained]]:
@@ -174,12 +176,13 @@ def confirm(maps: list[Array], run: range, view: View) -> Found | Rejection:
     ordered = _by_picture(maps, view)
     if not ordered:
         return Rejection(Refusal.SHAPE, "too little of it lies in the image")
-    if ordered[0][2].correlation < ALIKE_MIN:
-        text = f"correlation with the drawn landmark {ordered[0][2].correlation:.2f}, under {ALIKE_MIN:.2f}"
-        return Rejection(Refusal.CORRELATION, text)
     nearest: Rejection | None = None
+    best = ordered[0][2].correlation
+    if best < ALIKE_MIN:
+        text = f"correlation with the drawn landmark {best:.2f}, under {ALIKE_MIN:.2f}"
+        nearest = Rejection(Refusal.CORRELATION, text)
     outer = view.geometry.corners[view.geometry.slices[0]]
-    for matrix, patch, _ in ordered[:2]:
+    for matrix, patch, _ in ordered[:2] if nearest is None else ():
         if view.tried.knows(project_pad(matrix, outer, view.lens)[0]):
             continue
         if side_px(patch) < SMALL_PX:

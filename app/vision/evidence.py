@@ -49,8 +49,8 @@ OUTERMOST_ALONE = 0.75
 this part."""
 
 OUTER_LEAST = 0.6
-"""So much of the contours round some that are whole by OUTERMOST_ALONE must be there: no cover, shadow or glare hides
-more of them and little of those. Rendered landmarks in bad light have 0.68 and more."""
+"""So much of the contours round some that are whole by OUTERMOST_ALONE must be there. Shadows, glare and covers from
+one side leave 0.68 and more of them; straps along two sides leave a third, and cost the landmark."""
 
 
 def check_rectified(fit: Fit, first: int, count: int, geometry: LandmarkGeometry, scale_px: float) -> Rejection | None:
@@ -142,7 +142,7 @@ def _not_there(k: int, other: int, edges: Edges, geometry: LandmarkGeometry) -> 
 
 
 def check_sandwiched(edges: Edges, geometry: LandmarkGeometry) -> Rejection | None:
-    """Whether a contour is not as drawn though those next to it are: nothing can cover it alone."""
+    """Whether a contour is not as drawn though those next to it are, or all within it: nothing can cover it alone."""
     for k, other in _missing(edges, geometry, SANDWICHED, any_neighbour=False):
         return _not_there(k, other, edges, geometry)
     for k in np.flatnonzero(edges.in_view >= 2 * CONTOUR_POINTS).tolist():

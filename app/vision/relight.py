@@ -41,6 +41,10 @@ SOFT_PX = (0.8, 2.0, 5.0)
 """Widths of the edge (standard deviation of its blur) that are tried first."""
 FINEST = 0.004
 """Half sides of the patch: the last step of the line's search."""
+CELL_PX = (0.02, 1e4)
+"""Cells that are smaller or larger in the image come from a map that leads nowhere."""
+BOX = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+"""The patch's corners, half sides of it."""
 MARGIN_PX, MARGIN_PART = 6.0, 0.25
 """Of the image that is relit, round the patch; pixels and sides of it."""
 
@@ -55,7 +59,6 @@ class ShadowEdge:
         soft: Standard deviation of its blur.
         black: Grey of black in the shade and in the light.
         contrast: From black to white, in the shade and in the light.
-        correlation: Of the patch with the drawing in this light.
     """
 
     angle: float
@@ -63,16 +66,14 @@ class ShadowEdge:
     soft: float
     black: tuple[float, float]
     contrast: tuple[float, float]
-    correlation: float
 
 
 @cache
-def _sorted_cells(geometry_cells: bytes) -> tuple[Array, NDArray[np.intp], Array]:
-    """(ANGLES,) angles; (ANGLES, n) the order of the cells along each; (ANGLES, n) their places in it."""
-    cells = np.frombuffer(geometry_cells, dtype=np.intp)
+def _directions() -> tuple[Array, NDArray[np.intp], Array]:
+    """(ANGLES,) angles; (ANGLES, cells) the order of all cells along each, and how far along it each of them lies."""
     x, y = cell_centres()
     angles = math.pi * np.arange(ANGLES) / ANGLES
-    place = np.cos(angles)[:, None] * x[cells] + np.sin(angles)[:, None] * y[cells]
+    place = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * y
     order = np.argsort(place, axis=1, kind="stable")
     return angles, order, np.take_along_axis(place, order, axis=1)
 
@@ -87,13 +88,21 @@ def _left(sums: Array) -> Array:
     return np.maximum(result, 0.0)
 
 
-def _first_line(grey: Array, white: Array, cells: NDArray[np.intp]) -> tuple[float, float, float, float]:
-    """Angle and offset of the sharp line that explains the cells best; what it leaves and what one light leaves."""
-    angles, order, place = _sorted_cells(cells.tobytes())
+def _first_line(grey: Array, white: Array, counts: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """Angle and offset of the sharp line that explains best; what it leaves and what one light leaves.
+
+    Args:
+        grey: (cells,) of the patch.
+        white: (cells,) of the drawing.
+        counts: (cells,) which of them are looked at.
+    """
+    angles, order, place = _directions()
+    chosen = counts[order]
+    order, place = order[chosen].reshape(ANGLES, -1), place[chosen].reshape(ANGLES, -1)
     terms = np.stack([np.ones_like(grey), white, white * white, grey, grey * white, grey * grey])
     before = np.cumsum(terms[:, order], axis=2)
     whole = before[:, :, -1:]
-    cut = slice(FEWEST_CELLS - 1, len(grey) - FEWEST_CELLS)
+    cut = slice(FEWEST_CELLS - 1, order.shape[1] - FEWEST_CELLS)
     left = _left(before[:, :, cut]) + _left(whole - before[:, :, cut])
     k, m = np.unravel_index(int(left.argmin()), left.shape)
     at = m + FEWEST_CELLS - 1
@@ -108,13 +117,13 @@ def _light(across: Array, soft: float) -> Array:
 
 
 class _Fitter:
-    """Greys of some cells and what the drawing has there."""
+    """Greys of those cells that count, and what the drawing has there."""
 
-    def __init__(self, grey: Array, white: Array, cells: NDArray[np.intp]) -> None:
+    def __init__(self, grey: Array, white: Array, counts: NDArray[np.bool_]) -> None:
         x, y = cell_centres()
-        self._x, self._y = x[cells], y[cells]
-        self._grey, self._white = grey, white
-        self.total = float(grey @ grey) - len(grey) * float(grey.mean()) ** 2
+        self._x, self._y = x[counts], y[counts]
+        self._grey, self._white = grey[counts], white[counts]
+        self.total = len(self._grey) * float(self._grey.var())
 
     def solve(self, angle: float, offset: float, soft: float) -> tuple[float, Array]:
         """What a line leaves, and (4,) black and contrast in the shade, the same added in the light."""
@@ -123,7 +132,7 @@ class _Fitter:
         normal = terms @ terms.T
         normal.flat[::5] += 1e-4 * len(lit)
         side = terms @ self._grey
-        levels = np.linalg.solve(normal, side)
+        levels = np.asarray(np.linalg.solve(normal, side), dtype=np.float64)
         off = self._grey - levels @ terms
         return float(off @ off), levels
 
@@ -149,69 +158,57 @@ class _Fitter:
 
 def find_shadow_edge(patch: Patch, geometry: LandmarkGeometry) -> ShadowEdge | None:
     """The shadow's edge that explains a patch at a map that is nearly right; None if there is none."""
-    cells = geometry.cells(None)
-    grey = patch.grey.ravel()
-    counts = patch.seen.ravel() if patch.clipped is None else patch.seen.ravel() & ~patch.clipped
-    if not counts[cells].all():
-        cells = cells[counts[cells]]
-    if len(cells) < 4 * FEWEST_CELLS:
+    if not CELL_PX[0] < patch.cell_px < CELL_PX[1]:
         return None
-    white = geometry.template(PSF_SIGMA_PX / patch.cell_px).white.ravel()[cells]
-    grey = grey[cells]
-    angle, offset, left, one = _first_line(grey, white, cells)
-    fitter = _Fitter(grey, white, cells)
+    counts = geometry.judged.ravel() & patch.seen.ravel()
+    if patch.clipped is not None:
+        counts &= ~patch.clipped
+    if np.count_nonzero(counts) < 4 * FEWEST_CELLS:
+        return None
+    grey, white = patch.grey.ravel(), geometry.template(PSF_SIGMA_PX / patch.cell_px).white.ravel()
+    angle, offset, left, one = _first_line(grey, white, counts)
+    fitter = _Fitter(grey, white, counts)
     if left > GAIN * one or left > (1.0 - EXPLAINED**2) * fitter.total:
         return None
     per_px = 2.0 / (PATCH * patch.cell_px)
     soft = min(SOFT_PX, key=lambda px: fitter.solve(angle, offset, px * per_px)[0]) * per_px
     angle, offset, soft = fitter.refine(angle, offset, soft)
-    left, levels = fitter.solve(angle, offset, soft)
-    black, contrast, more_black, more_contrast = (float(v) for v in levels)
+    black, contrast, more_black, more_contrast = fitter.solve(angle, offset, soft)[1].tolist()
     shade, light = (black, contrast), (black + more_black, contrast + more_contrast)
     if light[1] < shade[1]:
         angle, offset, shade, light = angle + math.pi, -offset, light, shade
     dim = shade[1] / max(light[1], 1e-6)
     if not DIMMEST < dim < BRIGHTEST or shade[1] < MIN_CONTRAST_DN or shade[0] > light[0] + LIFTED * light[1]:
         return None
-    correlation = math.sqrt(max(0.0, 1.0 - left / fitter.total))
-    return ShadowEdge(angle, offset, soft, (shade[0], light[0]), (shade[1], light[1]), correlation)
+    return ShadowEdge(angle, offset, soft, (shade[0], light[0]), (shade[1], light[1]))
 
 
 def relit(view: View, rays_from_pad: Array, edge: ShadowEdge) -> View | None:
     """The image round the landmark in the brighter light alone; None where the map leads out of it.
 
-    What is saturated stays so; what would be after the change is kept just under it.
+    Each pixel's ray is cut with the pad's plane, where the edge is straight. What is saturated stays so; what would be
+    after the change is kept just under it.
     """
     half_m = 0.5 * PATCH_EXTENT * view.geometry.size_m
-    normal = np.array([math.cos(edge.angle), math.sin(edge.angle)])
-    along = np.array([-normal[1], normal[0]])
-    middle = edge.offset * normal
-    reach = 0.1
-    points = np.stack([middle - along, middle + along, middle + reach * normal])
-    box = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-    px, valid = project_pad(rays_from_pad, half_m * np.concatenate([points, box]), view.lens)
+    px, valid = project_pad(rays_from_pad, half_m * BOX, view.lens)
     if not valid.all():
         return None
-    a, b, toward = px[:3] - view.origin
-    line = np.array([a[1] - b[1], b[0] - a[0]])
-    length = float(np.linalg.norm(line))
-    if length < 1.0:
-        return None
-    line /= length
-    step = float(line @ (toward - 0.5 * (a + b)))
-    if step < 0.0:
-        line, step = -line, -step
-    corners = px[3:] - view.origin
-    size = float((corners.max(axis=0) - corners.min(axis=0)).max())
-    margin = MARGIN_PX + MARGIN_PART * size
+    corners = px - view.origin
+    margin = MARGIN_PX + MARGIN_PART * float((corners.max(axis=0) - corners.min(axis=0)).max())
     height, width = view.image.shape
     u0, v0 = (max(0, math.floor(c)) for c in corners.min(axis=0) - margin)
     u1, v1 = (min(s, math.ceil(c)) for s, c in zip((width, height), corners.max(axis=0) + margin, strict=True))
     if u1 - u0 < 4 or v1 - v0 < 4:
         return None
     image = view.image[v0:v1, u0:u1]
-    across = (np.arange(u0, u1) - a[0]) * line[0] + ((np.arange(v0, v1) - a[1]) * line[1])[:, None]
-    lit = _light(across, edge.soft * step / reach)
+    v, u = np.mgrid[v0:v1, u0:u1]
+    rays = view.lens.rays(np.column_stack([u.ravel(), v.ravel()]) + np.asarray(view.origin, dtype=np.float64))
+    pad = rays @ np.linalg.inv(rays_from_pad).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        forward, right = pad[:, 0] / pad[:, 2] / half_m, pad[:, 1] / pad[:, 2] / half_m
+        across = math.cos(edge.angle) * forward + math.sin(edge.angle) * right - edge.offset
+    # Beyond the lens's edge, or the pad's horizon, there is nothing to change.
+    lit = _light(np.where(np.isfinite(across) & (pad[:, 2] > 0.0), across, math.inf), edge.soft).reshape(image.shape)
     black = edge.black[0] + (edge.black[1] - edge.black[0]) * lit
     contrast = edge.contrast[0] + (edge.contrast[1] - edge.contrast[0]) * lit
     grey = edge.black[1] + (image - black) * (edge.contrast[1] / contrast)

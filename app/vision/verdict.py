@@ -286,14 +286,17 @@ def _mimic_inside(rays_from_pad: Array, view: View) -> Rejection | None:
 
 
 def judge_alignment(aligned: Alignment, view: View, before: Patch | None = None) -> Found | Rejection:
-    """An alignment, confirmed or refused; before as for confirm_small."""
+    """An alignment, confirmed or refused; before is its look when it was confirmed in the frame before: if it looks the
+    same, that is enough.
+    """
     geometry, patch = view.geometry, aligned.patch
     size_px = side_px(patch)
     if size_px < SMALLEST_PX:
         return Rejection(Refusal.TOO_SMALL, f"side {size_px:.1f} px, under {SMALLEST_PX:.1f} px")
     score = aligned.correlation
     if score < WHOLE_MIN - UNSETTLED:
-        return Rejection(Refusal.CORRELATION, f"correlation with the drawn landmark {score:.3f}, under {WHOLE_MIN:.3f}")
+        text = f"correlation with the drawn landmark {score:.3f}, under {WHOLE_MIN - UNSETTLED:.3f}"
+        return Rejection(Refusal.CORRELATION, text)
     same = before is not None and score > AGAIN_MIN and resemblance(before, patch) > SAME
     if not (same and aligned.contrast > MIN_CONTRAST):
         proof = check_picture(patch, geometry)

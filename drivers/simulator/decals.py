@@ -21,6 +21,8 @@ BLACK = 0.045
 WHITE = 0.78
 
 
+SAME_M = 1e-9
+"""Corners nearer to each other than this are one."""
 UNSEEN = 5e-4
 """Alpha that changes no grey level by as much as a tenth."""
 FULL = 65535.0
@@ -91,7 +93,7 @@ def _octagon(alpha: Plane, texel_m: float, front_m: float, left_m: float) -> NDA
     along = (np.roll(reach, -1) - reach * math.cos(math.pi / 4.0)) / math.sin(math.pi / 4.0)
     corners = reach[:, None] * normal + along[:, None] * np.column_stack([-normal[:, 1], normal[:, 0]])
     length = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
-    apart: NDArray[np.float64] = corners[length > texel_m]
+    apart: NDArray[np.float64] = corners[length > SAME_M]
     return apart
 
 

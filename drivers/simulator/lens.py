@@ -51,7 +51,7 @@ class Lens:
             side = np.maximum(np.hypot(x, y), 1e-12)
             theta = np.arctan2(side, z)
             scale = self._radius(theta) / side
-            if theta.max() >= ANGLE_MAX_RAD:
+            if theta.max(initial=0.0) >= ANGLE_MAX_RAD:
                 scale = np.where(theta < ANGLE_MAX_RAD, scale, np.nan)
             a, b = x * scale, y * scale
         result[:, 0], result[:, 1] = c.fx_px * a + c.cx_px, c.fy_px * b + c.cy_px

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from app.vision.align import align
-from app.vision.blobs import blobs
+from app.vision.blobs import blobs, in_two_lights
 from app.vision.contours import contour_tree
+from app.vision.detector import LOCAL_WINDOWS_PX
 from app.vision.preprocess import binarise, local_binary, prepare, whole
+
+NARROW_PX = LOCAL_WINDOWS_PX[0]
 
 
 def hypotheses(maps, image, lens, window_px=0):
@@ -19,7 +22,7 @@ def hypotheses(maps, image, lens, window_px=0):
 # The ring of one of 12 px is 1.8 px wide: blurred, it is no darker than a lawn, but than its surroundings.
 @pytest.mark.parametrize(
     ("side_px", "lawn", "window_px"),
-    [(20, False, 0), (12, True, 21), (15, True, 21), (20, True, 21)],
+    [(20, False, 0), (12, True, NARROW_PX), (15, True, NARROW_PX), (20, True, NARROW_PX)],
     ids=["20 at one level", "12 place by place", "15 place by place", "20 place by place"],
 )
 @pytest.mark.parametrize("pad_yaw_deg", [0, 45, 110, 200])
@@ -75,3 +78,28 @@ def test_image_without_a_landmark_gives_few_hypotheses_or_none(scene, maps, poly
     flat = np.full((480, 640), 120, np.uint8)
     image = flat if polygons is None else scene.draw(scene.view(3.0), polygons=polygons)
     assert len(hypotheses(maps, image, scene.fisheye)) <= 4
+
+
+def two_lights(maps, values):
+    """Likeness of greys (m,) at the samples, best turn."""
+    values = values - values.mean()
+    length = np.linalg.norm(values)
+    values = values / length if length > 0 else values
+    return in_two_lights(values[None], maps.geometry.blob_templates(0.5), maps.geometry.blob_halves)[0]
+
+
+def test_drawing_half_in_the_shade_is_as_alike_as_in_one_light(maps):
+    forward, right = maps.geometry.blob_grid.T
+    drawn = maps.geometry.blob_templates(0.5)[1]
+    lit = np.where(0.6 * forward + 0.8 * right > 0.1, 1.0, 0.25)
+    alike = two_lights(maps, (drawn - drawn.min()) * lit)
+    assert alike.argmax() == 1
+    assert alike[1] > 0.9
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2])
+def test_two_greys_and_nothing_at_all_are_like_no_drawing(maps, seed):
+    forward, _ = maps.geometry.blob_grid.T
+    step = np.zeros_like(forward) if seed is None else np.where(forward > 0.2, 200.0, 60.0)
+    noise = 0.0 if seed is None else np.random.default_rng(seed).normal(0.0, 3.0, len(forward))
+    assert two_lights(maps, step + noise).max() < 0.5

@@ -163,15 +163,16 @@ def test_outermost_that_is_absent_round_a_whole_inside_is_refused(maps):
     assert refused.text.startswith("S1 is not as drawn (2% of its sides)")
 
 
-@pytest.mark.parametrize(
-    ("confirmed", "refused"),
-    [([24, 22, 23, 24, 37], True), ([28, 22, 23, 24, 37], False), ([15, 12, 15, 20, 20], False)],
-)
-def test_inside_without_what_is_drawn_round_it_is_refused(maps, confirmed, refused):
+def test_inside_without_what_is_drawn_round_it_is_refused(maps):
     """The inside of a landmark in a ring of another width: a part of its points has an edge by chance."""
-    found = check_sandwiched(seen_edges([40, 40, 30, 30, 40], confirmed, 40, 36), maps.geometry)
-    assert (found is not None) == refused
-    assert found is None or "what lies round T3" in found.text
+    refused = check_sandwiched(seen_edges([40, 40, 30, 30, 40], [24, 22, 23, 24, 37], 40, 36), maps.geometry)
+    assert refused.test is Refusal.SIDES
+    assert "what lies round T3" in refused.text
+
+
+@pytest.mark.parametrize("confirmed", [[28, 22, 23, 24, 37], [15, 12, 15, 20, 20]])
+def test_landmark_of_which_a_cover_hides_a_part_is_not_refused_for_it(maps, confirmed):
+    assert check_sandwiched(seen_edges([40, 40, 30, 30, 40], confirmed, 40, 36), maps.geometry) is None
 
 
 # --------------------------------------------------------------------------------------------------- place by place
@@ -262,6 +263,14 @@ def test_innermost_contour_of_another_shape_is_named(scene, maps, side_px, corne
     refused = check_innermost(*innermost(maps, scene, side_px, polygons=with_another_innermost(scene, corners)))
     assert refused is not None
     assert name in refused.text
+
+
+@pytest.mark.parametrize("corners", [[[1.4, 0], [0, 1.4], [-1.4, 0], [0, -1.4]], [[1.6, 0], [-0.8, 1.4], [-0.8, -1.4]]])
+def test_small_landmark_with_another_innermost_contour_is_refused(scene, maps, corners):
+    """Of the whole picture it is a few cells; from nearby it shows."""
+    view = at_side(scene, 57)
+    image = scene.draw(view, polygons=with_another_innermost(scene, corners), noise=0.5)
+    assert isinstance(confirm_small(maps.true(view), maps.look_at(image, scene.fisheye)), Rejection)
 
 
 def test_innermost_contour_that_is_covered_is_no_other_shape(scene, maps):

@@ -46,11 +46,18 @@ def test_edge_is_found_where_it_lies_and_as_dark_as_it_is(scene, maps, side_px, 
     assert edge.contrast[0] / edge.contrast[1] == pytest.approx(shade, rel=0.12)
 
 
-def test_even_light_has_no_edge(scene, maps):
-    for side_px in (16, 40, 100):
-        view = at_side(scene, side_px, pad_yaw_deg=20)
-        view_of = maps.look_at(scene.draw(view), scene.fisheye)
-        assert find_shadow_edge(rectify(view_of, maps.true(view)), maps.geometry) is None
+@pytest.mark.parametrize("side_px", [16, 40, 100])
+def test_even_light_has_no_edge(scene, maps, side_px):
+    view = at_side(scene, side_px, pad_yaw_deg=20)
+    seen = maps.look_at(scene.draw(view), scene.fisheye)
+    assert find_shadow_edge(rectify(seen, maps.true(view)), maps.geometry) is None
+
+
+def test_map_that_leads_behind_the_camera_has_no_edge(scene, maps):
+    view = at_side(scene, 40)
+    seen = maps.look_at(scene.draw(view, light=edge_light(0.3)), scene.fisheye)
+    assert find_shadow_edge(rectify(seen, -maps.true(view)), maps.geometry) is None
+    assert isinstance(confirm_relit(-maps.true(view), seen), Rejection)
 
 
 def test_what_is_no_landmark_has_no_edge(scene, maps):
@@ -96,6 +103,18 @@ def test_small_landmark_under_a_shadows_edge_is_confirmed_where_it_is(scene, map
     start = maps.off_by(view, 0.6, side_px, seed=3)
     assert isinstance(confirm_small(start, seen), Rejection)
     found = confirm_relit(start, seen)
+    assert isinstance(found, Found), found.text
+    assert maps.rms_px(found.rays_from_pad, view, scene.fisheye, [0]) < 0.3
+
+
+@pytest.mark.parametrize("angle_deg", [0, 60, 90])
+@pytest.mark.parametrize("off_axis_deg", [30, 45])
+def test_edge_far_off_the_axis_is_straight_on_the_ground_and_not_in_the_image(scene, maps, off_axis_deg, angle_deg):
+    """A fisheye bends it."""
+    height_m = 1.1
+    view = scene.view(height_m, forward_m=height_m * math.tan(math.radians(off_axis_deg)))
+    seen = maps.look_at(scene.draw(view, light=edge_light(0.3, angle_deg)), scene.fisheye)
+    found = confirm_relit(maps.true(view), seen)
     assert isinstance(found, Found), found.text
     assert maps.rms_px(found.rays_from_pad, view, scene.fisheye, [0]) < 0.3
 
