@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +19,9 @@ from app.campaign.outcome import TrialResult
 from app.campaign.trial import Course, fly_trial, load_course
 from app.campaign.workers import Work, run_jobs
 from app.log import configure_logging
+
+TOLD_EACH_S = 30.0
+"""Where there is no terminal for a bar, a line tells now and then how far it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +71,7 @@ class Flown:
 def fly_campaign(
     courses: tuple[Course, ...], paths: tuple[Path, ...], seeds: range, workers: int, console: Console
 ) -> Flown:
-    """Fly them all. Ctrl-C keeps what is done.
+    """Fly them all. Ctrl-C keeps what is done, and so does a SIGTERM, or the end of the terminal.
 
     Args:
         courses: The scenarios.
@@ -87,16 +93,21 @@ def fly_campaign(
     )
     running = run_jobs(Work(_prepare, _fly), jobs, min(workers, len(jobs)))
     try:
-        with Progress(*columns, console=console, transient=True) as progress:
+        with _ended_by_signals(), Progress(*columns, console=console, transient=True) as progress:
             bar = progress.add_task(courses[0].name, total=len(jobs), landed=0, rate=0.0)
+            told_s = start_s
             for index, result in running:
                 flown.results[index] = result
                 simulated_s += result.simulated_s
+                landed = sum(one.landed for one in flown.results.values())
+                if not console.is_terminal and time.monotonic() - told_s >= TOLD_EACH_S:
+                    told_s = time.monotonic()
+                    console.print(f"{len(flown.results)} of {len(jobs)} flown, {landed} landed", highlight=False)
                 progress.update(
                     bar,
                     advance=1,
                     description=result.scenario,
-                    landed=sum(one.landed for one in flown.results.values()),
+                    landed=landed,
                     rate=simulated_s / (time.monotonic() - start_s),
                 )
     except KeyboardInterrupt:
@@ -105,6 +116,19 @@ def fly_campaign(
         running.close()
         flown.wall_s = time.monotonic() - start_s
     return flown
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """What ends a process by default is as Ctrl-C; what is ignored (nohup) stays so."""
+    taken = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _prepare() -> None:

@@ -70,24 +70,34 @@ SLOW_CAMPAIGN = textwrap.dedent(
     from app.__main__ import main
     from app.campaign.outcome import TrialResult
 
+    file, number = sys.argv[1], int(sys.argv[2])
+    # As in a shell, whatever these tests are run under.
+    signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+
     def flown(work, jobs, workers):
         yield 0, TrialResult("static", jobs[0].seed, None, 0.05, 0.03, 0.04, 0.6, 20.0, 1, 30.0, 9.0)
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), number)
         yield 1, None
 
-    campaign.run_jobs = flown
-    sys.argv = ["alight", "campaign", "--scenario", "static", "--trials", "9", "--json", sys.argv[1]]
+    campaign.run_jobs, campaign.TOLD_EACH_S = flown, 0.0
+    sys.argv = ["alight", "campaign", "--scenario", "static", "--trials", "9", "--json", file]
     main()
     """
 )
 
 
-def test_campaign_that_is_interrupted_keeps_what_is_done(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_campaign_that_is_interrupted_keeps_what_is_done(tmp_path, number):
     file = tmp_path / "figures.json"
     done = subprocess.run(
-        [sys.executable, "-c", SLOW_CAMPAIGN, str(file)], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", SLOW_CAMPAIGN, str(file), str(int(number))],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert done.returncode == 128 + signal.SIGINT, done.stderr
+    assert "1 of 9 flown, 1 landed" in done.stderr
     assert "1/1" in done.stdout
     (scenario,) = json.loads(file.read_text(encoding="utf-8"))["scenarios"]
     assert (scenario["trials"], scenario["successes"]) == (1, 1)
