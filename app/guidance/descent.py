@@ -24,6 +24,9 @@ many times what is allowed at the commit,"""
 RELEASE_ABOVE_M = 0.28
 """... as long as the vehicle's centre is this high over the pad: PX4 needs 0.1 m to end a sink of 0.6 m/s, and below
 that a climb would drag the feet over the deck."""
+STRICT, STRICT_FOR_S = 0.6, 3.0
+"""At first a commit asks for this part of the touchdown radius, and for all of it after so long at the commit height:
+between gusts there are calmer moments, and in half a second of sinking a gust moves the vehicle by some centimetres."""
 SLOWING_1_S = 0.5
 """Sink speed per metre above the commit height, so that it falls from the descent speed to the touchdown speed."""
 
@@ -44,10 +47,12 @@ class Descent:
     Attributes:
         in_cone: Descent is allowed.
         committed: The landing is to be finished; high enough it is taken back if it would miss.
+        waiting_since_s: Since when it is at the commit height and not committed.
     """
 
     in_cone: bool = False
     committed: bool = False
+    waiting_since_s: float | None = None
 
 
 def predicted_error_m(error_ne_m: Array, relative_ne_m_s: Array) -> float:
@@ -63,6 +68,7 @@ def step_descent(
     height_m: float,
     relative_speed_m_s: float,
     config: GuidanceConfig,
+    now_s: float,
     predicted_m: float | None = None,
     lean_rad: float = 0.0,
 ) -> Descent:
@@ -74,6 +80,7 @@ def step_descent(
         height_m: Above it.
         relative_speed_m_s: Horizontal.
         config: [guidance].
+        now_s: The clock's time.
         predicted_m: Error at touchdown; None: as now.
         lean_rad: Of the deck at touchdown.
     """
@@ -86,13 +93,16 @@ def step_descent(
         return Descent() if (off or fast or leans) and height_m > RELEASE_ABOVE_M else memory
     radius_m = cone_radius_m(height_m, config)
     in_cone = error_m <= (radius_m if memory.in_cone else ENTER_FRACTION * radius_m)
+    low = in_cone and height_m <= config.commit_height_m
+    since_s = (now_s if memory.waiting_since_s is None else memory.waiting_since_s) if low else memory.waiting_since_s
+    waited = 0.0 if since_s is None else min(1.0, (now_s - since_s) / STRICT_FOR_S)
     ready = (
-        height_m <= config.commit_height_m
-        and max(error_m, at_touchdown_m) <= config.touchdown_radius_m
+        low
+        and max(error_m, at_touchdown_m) <= (STRICT + (1.0 - STRICT) * waited) * config.touchdown_radius_m
         and relative_speed_m_s <= config.commit_speed_m_s
         and calm
     )
-    return Descent(in_cone=in_cone, committed=in_cone and ready)
+    return Descent(in_cone=in_cone, committed=ready, waiting_since_s=since_s)
 
 
 def sink_speed_m_s(memory: Descent, height_m: float, config: GuidanceConfig) -> float:

@@ -267,6 +267,7 @@ class VelocityController:
                 relative.height_m,
                 float(np.linalg.norm(relative.relative_ne_m_s)),
                 config,
+                now_s,
                 predicted_error_m(relative.error_ne_m, relative.relative_ne_m_s),
                 relative.pad.lean_rad(max(0.0, relative.height_m - FEET_M) / config.touchdown_speed_m_s),
             )

@@ -43,8 +43,12 @@ def test_cone_radius_by_hand(height_m, radius_m):
     ("error_m", "from_outside", "from_inside"), [(1.2, True, True), (1.4, False, True), (1.6, False, False)]
 )
 def test_cone_is_entered_at_four_fifths_and_left_at_the_whole(error_m, from_outside, from_inside):
-    assert step_descent(Descent(False), error_m, 1.75, 0.0, CONFIG).in_cone is from_outside
-    assert step_descent(Descent(True), error_m, 1.75, 0.0, CONFIG).in_cone is from_inside
+    assert step_descent(Descent(False), error_m, 1.75, 0.0, CONFIG, 0.0).in_cone is from_outside
+    assert step_descent(Descent(True), error_m, 1.75, 0.0, CONFIG, 0.0).in_cone is from_inside
+
+
+WAITED = Descent(in_cone=True, waiting_since_s=0.0)
+"""At 100 s it has waited at the commit height for long."""
 
 
 @pytest.mark.parametrize(
@@ -58,7 +62,26 @@ def test_cone_is_entered_at_four_fifths_and_left_at_the_whole(error_m, from_outs
     ],
 )
 def test_commit_needs_height_place_and_speed_at_once(error_m, height_m, speed_m_s, committed):
-    assert step_descent(Descent(True), error_m, height_m, speed_m_s, CONFIG).committed is committed
+    assert step_descent(WAITED, error_m, height_m, speed_m_s, CONFIG, 100.0).committed is committed
+
+
+@pytest.mark.parametrize(
+    ("waited_s", "error_m", "committed"),
+    # The touchdown circle is 0.1 m; of that six tenths at first, all of it after three seconds.
+    [(0.0, 0.059, True), (0.0, 0.061, False), (1.5, 0.079, True), (1.5, 0.081, False), (3.0, 0.099, True)],
+)
+def test_commit_waits_for_a_calm_moment_but_not_for_long(waited_s, error_m, committed):
+    arrived = step_descent(Descent(in_cone=True), 0.099, 0.49, 0.0, CONFIG, 50.0)
+    assert not arrived.committed
+    assert step_descent(arrived, error_m, 0.49, 0.0, CONFIG, 50.0 + waited_s).committed is committed
+
+
+def test_wait_for_a_calm_moment_goes_on_over_a_bounce_out_of_the_cone():
+    arrived = step_descent(Descent(in_cone=True), 0.099, 0.49, 0.0, CONFIG, 50.0)
+    outside = step_descent(arrived, 0.3, 0.49, 0.0, CONFIG, 51.0)
+    assert not outside.in_cone
+    back = step_descent(outside, 0.05, 0.49, 0.0, CONFIG, 53.0)
+    assert step_descent(back, 0.099, 0.49, 0.0, CONFIG, 53.0).committed
 
 
 COMMITTED = Descent(in_cone=True, committed=True)
@@ -69,7 +92,7 @@ COMMITTED = Descent(in_cone=True, committed=True)
     [(0.09, True), (0.11, False)],  # the touchdown circle is 0.1 m
 )
 def test_commit_needs_the_predicted_place_too(predicted_m, committed):
-    assert step_descent(Descent(True), 0.05, 0.49, 0.1, CONFIG, predicted_m).committed is committed
+    assert step_descent(WAITED, 0.05, 0.49, 0.1, CONFIG, 100.0, predicted_m).committed is committed
 
 
 @pytest.mark.parametrize(
@@ -84,12 +107,12 @@ def test_predicted_error_adds_what_the_relative_velocity_does_in_a_third_of_a_se
 
 @pytest.mark.parametrize(("lean_deg", "committed"), [(3.9, True), (4.1, False)])
 def test_commit_waits_for_a_calm_deck(lean_deg, committed):
-    assert step_descent(Descent(True), 0.0, 0.49, 0.0, CONFIG, 0.0, math.radians(lean_deg)).committed is committed
+    assert step_descent(WAITED, 0.0, 0.49, 0.0, CONFIG, 100.0, 0.0, math.radians(lean_deg)).committed is committed
 
 
 @pytest.mark.parametrize("height_m", [0.28, 0.1, -1.0])
 def test_commit_near_the_deck_outlasts_everything(height_m):
-    assert step_descent(COMMITTED, 99.0, height_m, 99.0, CONFIG, 99.0, 1.0) == COMMITTED
+    assert step_descent(COMMITTED, 99.0, height_m, 99.0, CONFIG, 100.0, 99.0, 1.0) == COMMITTED
 
 
 @pytest.mark.parametrize(
@@ -102,7 +125,7 @@ def test_commit_near_the_deck_outlasts_everything(height_m):
     ],
 )
 def test_commit_that_would_miss_is_taken_back_while_it_is_high_enough(speed_m_s, predicted_m, lean_deg, kept):
-    found = step_descent(COMMITTED, 0.05, 0.29, speed_m_s, CONFIG, predicted_m, math.radians(lean_deg))
+    found = step_descent(COMMITTED, 0.05, 0.29, speed_m_s, CONFIG, 100.0, predicted_m, math.radians(lean_deg))
     assert found.committed is kept
 
 
