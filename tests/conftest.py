@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Iterator
 
 import pytest
+
+# As app.__main__ and a campaign's workers have it, before anything loads numpy: the last digits of a matrix product
+# depend on how many threads it is spread over, and a flight's on them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _LEAKED: list[str] = []
 
