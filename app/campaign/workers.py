@@ -99,7 +99,8 @@ def _end(crew: Sequence[BaseProcess]) -> None:
 
 def _work(work: Work[Any, Any], waiting: Any, done: Any) -> None:
     """A worker's life."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C goes to all: the parent decides
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # a terminal's Ctrl-C, or its end, goes to all: the parent decides
     work.prepare()
     while (item := waiting.get()) is not None:
         index, job = item

@@ -98,7 +98,7 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
     unit_m = 0.5 * PATCH_EXTENT * geometry.landmark.size_m
     matrix = rays_from_pad
     patch = rectify(view, matrix)
-    if not 0.02 < patch.cell_px < 1e4:
+    if patch.leads_nowhere:
         return None
     template = geometry.template(math.hypot(PSF_SIGMA_PX, 0.3) / patch.cell_px)
     noise = 3.0
@@ -145,7 +145,7 @@ def align(view: View, rays_from_pad: Array, steps: int = STEPS) -> Alignment | N
             return None
         matrix = matrix @ np.linalg.inv(_pad_warp(d, unit_m))
         patch = rectify(view, matrix)
-        if not 0.02 < patch.cell_px < 1e4:
+        if patch.leads_nowhere:
             return None
         if largest < SMALL_STEP:
             break

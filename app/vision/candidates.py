@@ -148,7 +148,7 @@ def _by_picture(maps: list[Array], view: View) -> list[tuple[Array, Patch, Expla
     found: list[tuple[Array, Patch, Explained]] = []
     for matrix in maps:
         patch = rectify(view, matrix)
-        if not 1e-2 < patch.cell_px < 1e4:
+        if patch.leads_nowhere:
             continue
         cells = geometry.cells(None)
         cells = cells if patch.whole else cells[patch.seen.ravel()[cells]]

@@ -23,6 +23,8 @@ FAR_OUT_PX = -1e4
 SATURATED_DN = 254
 """Grey level from which a pixel may stand for any brightness."""
 ROUNDING_DN = 5
+CELL_PX = (0.02, 1e4)
+"""Smallest and largest cell of a map that is worth a look."""
 SAME_PX, SAME_PART = 0.4, 0.005
 """Maps whose corners lie nearer than this, and this part of the side in addition, lead to the same fit."""
 _ALL_SEEN: NDArray[np.bool_] = np.ones((PATCH, PATCH), dtype=np.bool_)
@@ -90,6 +92,11 @@ class Patch:
     whole: bool
     cell_px: float
     clipped: NDArray[np.bool_] | None = None
+
+    @property
+    def leads_nowhere(self) -> bool:
+        """Whether its cells are so small or so large that the map can't be of a landmark in front of the camera."""
+        return not CELL_PX[0] < self.cell_px < CELL_PX[1]
 
     def turned(self, quarters: int) -> Patch:
         """The patch as a map sees it that is turned by so many quarter turns clockwise."""

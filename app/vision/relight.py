@@ -41,8 +41,6 @@ SOFT_PX = (0.8, 2.0, 5.0)
 """Widths of the edge (standard deviation of its blur) that are tried first."""
 FINEST = 0.004
 """Half sides of the patch: the last step of the line's search."""
-CELL_PX = (0.02, 1e4)
-"""Cells that are smaller or larger in the image come from a map that leads nowhere."""
 BOX = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
 """The patch's corners, half sides of it."""
 MARGIN_PX, MARGIN_PART = 6.0, 0.25
@@ -158,7 +156,7 @@ class _Fitter:
 
 def find_shadow_edge(patch: Patch, geometry: LandmarkGeometry) -> ShadowEdge | None:
     """The shadow's edge that explains a patch at a map that is nearly right; None if there is none."""
-    if not CELL_PX[0] < patch.cell_px < CELL_PX[1]:
+    if patch.leads_nowhere:
         return None
     counts = geometry.judged.ravel() & patch.seen.ravel()
     if patch.clipped is not None:
