@@ -31,7 +31,8 @@ class Airframe:
         motor_lag_s: First order lag of the thrust (SIH's SIH_T_TAU).
         rate_lag_s: First order lag of the body rates under their own control loop.
         angular_acceleration_max_rad_s2: Of that loop, about forward, right, down.
-        drag_linear_n_s_m: Force per speed through the air (rotor drag).
+        drag_linear_n_s_m: Force per speed through the air with the rotors at hover speed (rotor drag; it goes with
+            the rotors' speed, Kai, Allibert, Hua and Hamel 2017, so rotors that stand have none).
         drag_quadratic_n_s2_m2: Force per squared speed (body drag).
         angular_damping_n_m_s: Torque per rate.
     """
@@ -168,7 +169,8 @@ class Plant:
             z = max(self.feet.clearance_m(body, pad) + self.feet.height_m, ROTOR_SPAN_M)
             lift /= 1.0 - (ROTOR_SPAN_M / (4.0 * z)) ** 2
         an, ae, ad = wind[0] - body.vn, wind[1] - body.ve, wind[2] - body.vd
-        drag = frame.drag_linear_n_s_m + frame.drag_quadratic_n_s2_m2 * math.sqrt(an * an + ae * ae + ad * ad)
+        spin = math.sqrt(max(0.0, self._thrust_n) / (frame.mass_kg * GRAVITY_M_S2))  # rotor speed, 1 at hover
+        drag = frame.drag_linear_n_s_m * spin + frame.drag_quadratic_n_s2_m2 * math.sqrt(an * an + ae * ae + ad * ad)
         fn, fe, fd = m[2] * lift + drag * an, m[5] * lift + drag * ae, m[8] * lift + drag * ad
         tp, tq, tr = self._control_torque()
         if near:

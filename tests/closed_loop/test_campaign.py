@@ -7,6 +7,8 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import pytest
+
 from app.campaign.command import SCENARIOS
 from app.campaign.figures import CampaignFigures, ScenarioFigures
 from app.campaign.trial import fly_trial, load_course
@@ -29,6 +31,7 @@ def test_campaign_lands_and_its_trial_replays_to_the_last_digit(tmp_path):
     configure_logging(quiet=True)
     again = fly_trial(load_course(SCENARIOS / "static.toml", "static"), 12)
     errors = scenario["touchdown_error_m"]
-    assert again.touchdown_error_m in (errors["max"], 2 * errors["p50"] - errors["max"])
+    # The median of two is their mean; taking it apart costs the last bit.
+    assert again.touchdown_error_m in (errors["max"], pytest.approx(2 * errors["p50"] - errors["max"], rel=1e-14))
     alone = CampaignFigures((ScenarioFigures("static", (replace(again, wall_s=0.0),)),), 0.0)
     assert 0.0 < alone.simulated_s < told["simulated_s"]

@@ -31,12 +31,21 @@ def test_plant_without_thrust_or_drag_falls_by_half_g_t_squared() -> None:
 
 
 def test_plant_falling_long_reaches_the_speed_at_which_drag_is_weight() -> None:
-    k1, k2, m = 0.4, 0.03, 1.5
-    plant = airborne(Airframe(mass_kg=m, drag_linear_n_s_m=k1, drag_quadratic_n_s2_m2=k2), 2000.0)
+    k2, m = 0.03, 1.5
+    plant = airborne(Airframe(mass_kg=m, drag_linear_n_s_m=0.4, drag_quadratic_n_s2_m2=k2), 2000.0)
     for _ in range(6000):
         plant.step(0.004, CALM, FAR.state)
-    terminal = (-k1 + math.sqrt(k1 * k1 + 4 * k2 * m * G)) / (2 * k2)
-    assert plant.body.vd == pytest.approx(terminal, rel=1e-3)
+    # Its rotors stand: of the two drags only the body's is left.
+    assert plant.body.vd == pytest.approx(math.sqrt(m * G / k2), rel=1e-3)
+
+
+def test_plant_with_a_quarter_of_hover_thrust_has_half_of_the_rotors_drag() -> None:
+    frame = Airframe(drag_linear_n_s_m=0.5, drag_quadratic_n_s2_m2=0.0, motor_lag_s=1e-3)
+    plant = airborne(frame)
+    plant.command(True, (0.0, 0.0, 0.0), frame.hover_thrust / 4)
+    for _ in range(2):
+        plant.step(0.001, (0.0, 4.0, 0.0), FAR.state)
+    assert plant.specific_force[1] == pytest.approx(0.5 * 0.5 * 4.0 / frame.mass_kg, rel=1e-2)
 
 
 def test_plant_at_hover_thrust_keeps_its_height() -> None:
@@ -54,7 +63,7 @@ def test_plant_at_hover_thrust_keeps_its_height() -> None:
 
 
 def test_plant_level_in_a_steady_wind_takes_on_its_speed_with_mass_over_drag() -> None:
-    frame = Airframe(drag_linear_n_s_m=0.5, drag_quadratic_n_s2_m2=0.0)
+    frame = Airframe(drag_linear_n_s_m=0.5, drag_quadratic_n_s2_m2=0.0, motor_lag_s=0.004)
     plant = airborne(frame)
     plant.command(True, (0.0, 0.0, 0.0), frame.hover_thrust)
     time_constant_s = frame.mass_kg / 0.5
@@ -92,6 +101,16 @@ def test_plant_on_the_ground_rests_on_its_springs() -> None:
     # The wind leans on it and its friction holds: 3 m/s push it by less than the bristles' give.
     assert abs(plant.body.n) < 2e-3
     assert plant.feet.touching == 4
+
+
+@pytest.mark.parametrize("wind_m_s", [16.0, 26.0])
+def test_plant_with_its_motors_off_slides_once_the_wind_on_its_body_exceeds_friction(wind_m_s: float) -> None:
+    plant = Plant()
+    for _ in range(500):
+        plant.step(0.004, (wind_m_s, 0.0, 0.0), FAR.state)
+    # 0.02 N s^2/m^2 of body drag against 0.7 of 1.5 kg: friction holds up to 22.7 m/s.
+    slid = plant.body.n > 0.05
+    assert slid == (0.02 * wind_m_s**2 > 0.7 * 1.5 * G)
 
 
 def test_plant_that_lands_at_a_walk_bounces_little_and_comes_to_rest() -> None:
