@@ -9,14 +9,13 @@ import math
 from dataclasses import replace
 from functools import cache, cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from app.frames import Array
 from app.landmark import Landmark, Shape, gaps_m
-from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template
-from app.vision.variants import FINE, Variant, drawings, gaps_to_points
+from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template, seen_blurred
+from app.vision.variants import Variant, drawings, gaps_to_points, outside
 
 SAMPLES_PER_SIDE = 10
 SLANTED = 0.1
@@ -216,19 +215,25 @@ class LandmarkGeometry:
         """See variants.drawings."""
         return drawings(self.landmark)
 
+    @cached_property
+    def _variants(self) -> NDArray[np.float32]:
+        """(n, m, m) the landmark drawn, its variants, and what lies outside the quiet zone."""
+        return np.stack([*(v.white for v in self._drawings), outside(self.landmark)])
+
     def template(self, sigma_cells: float) -> Template:
         """The drawing as seen with a blur (standard deviation) of that many cells, to the nearest of BLURS_PER_OCTAVE
         in an octave.
         """
         key = self._blur_key(sigma_cells)
         if key not in self._templates:
-            self._templates[key] = self._drawn_at(key, 0)
+            sigma = self._sigma_cells(key)
+            white, outer = seen_blurred(self._variants[[0, -1]], sigma)
+            self._templates[key] = Template(white, outer, sigma)
         return self._templates[key]
 
-    def _drawn_at(self, key: int, variant: int) -> Template:
-        """The landmark (0) or a rival at a blur."""
-        sigma = 0.25 * 2.0 ** (key / BLURS_PER_OCTAVE)
-        return Template(self._blurred(sigma, variant), sigma)
+    @staticmethod
+    def _sigma_cells(key: int) -> float:
+        return 0.25 * float(2.0 ** (key / BLURS_PER_OCTAVE))
 
     @staticmethod
     def _blur_key(sigma_cells: float) -> int:
@@ -241,22 +246,23 @@ class LandmarkGeometry:
             self._rivals[key] = self._rivals.pop(key)
         else:
             own = self.template(sigma_cells)
-            names, differ, templates, contour = ["as drawn"], [False], [own], [0]
             turns = self.landmark.contours[0].shape is Shape.SQUARE and bool(self.turns_visibly.any())
-            for quarters in (1, 2, 3):
-                names.append(f"turned by {90 * quarters} degrees")
-                differ.append(turns)
-                turned = np.rot90(np.stack([own.white, own.outside]), quarters, axes=(1, 2))
-                templates.append(Template(turned, own.sigma_cells))
-                contour.append(0)
-            reshaped = [False] * len(names)
-            for number, variant in enumerate(self._drawings[1:], 1):
-                names.append(variant.name)
-                differ.append(False)
-                templates.append(self._drawn_at(key, number))
-                contour.append(variant.contour)
-                reshaped.append(variant.reshaped)
-            self._rivals[key] = Rivals(names, differ, templates, contour, reshaped)
+            variants = self._drawings[1:]
+            names = ["as drawn", *(f"turned by {90 * quarters} degrees" for quarters in (1, 2, 3))]
+            rest = [False] * len(variants)
+            self._rivals[key] = Rivals(
+                [*names, *(v.name for v in variants)],
+                [False, turns, turns, turns, *rest],
+                own,
+                np.concatenate(
+                    [
+                        [np.rot90(own.white, quarters) for quarters in (1, 2, 3)],
+                        seen_blurred(self._variants[1:-1], own.sigma_cells),
+                    ]
+                ),
+                [0] * len(names) + [v.contour for v in variants],
+                [False] * len(names) + [v.reshaped for v in variants],
+            )
             if len(self._rivals) > RIVALS_KEPT:
                 del self._rivals[next(iter(self._rivals))]
         return self._rivals[key]
@@ -310,14 +316,6 @@ class LandmarkGeometry:
             rows = np.stack(turned) - np.mean(turned, axis=1, keepdims=True)
             self._blob_templates[key] = rows / np.sqrt((rows * rows).sum(axis=1, keepdims=True))
         return self._blob_templates[key]
-
-    def _blurred(self, sigma_cells: float, variant: int) -> Array:
-        """(2, PATCH, PATCH) both drawings with a blur of that many cells."""
-        sigma = sigma_cells * FINE
-        drawing = self._drawings[variant].drawing
-        blurred = [cv2.GaussianBlur(d, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for d in drawing]
-        cells = np.stack(blurred).reshape(2, PATCH, FINE, PATCH, FINE).mean(axis=(2, 4))
-        return np.asarray(cells, dtype=np.float64)
 
     @cached_property
     def judged(self) -> NDArray[np.bool_]:

@@ -98,12 +98,6 @@ class Patch:
         """Whether its cells are so small or so large that the map can't be of a landmark in front of the camera."""
         return not CELL_PX[0] < self.cell_px < CELL_PX[1]
 
-    def turned(self, quarters: int) -> Patch:
-        """The patch as a map sees it that is turned by so many quarter turns clockwise."""
-        seen = self.seen if self.whole else np.rot90(self.seen, quarters)
-        clipped = None if self.clipped is None else np.rot90(self.clipped.reshape(self.grey.shape), quarters).ravel()
-        return Patch(np.rot90(self.grey, quarters), seen, self.whole, self.cell_px, clipped)
-
 
 def rectify(view: View, rays_from_pad: Array) -> Patch:
     """Sample the patch of a map."""

@@ -235,8 +235,11 @@ def check_innermost(patch: Patch, geometry: LandmarkGeometry) -> Rejection | Non
     clipped = None if patch.clipped is None else patch.clipped[cells]
     rivals, grey = geometry.rivals(PSF_SIGMA_PX / patch.cell_px), patch.grey.ravel()[cells]
     own = explain(grey, rivals.templates[0], cells, clipped)
-    others = [(k, explain(grey, rivals.templates[k], cells, clipped)) for k in np.flatnonzero(rivals.reshaped).tolist()]
-    k, best = min(others, key=lambda o: o[1].left)
+    others = np.flatnonzero(rivals.reshaped)
+    if clipped is None:
+        others = others[[rivals.left(grey[:, None], cells)[others, 0].argmin()]]
+    found = [(k, explain(grey, rivals.templates[k], cells, clipped)) for k in others.tolist()]
+    k, best = min(found, key=lambda o: o[1].left)
     if best.contrast > MIN_CONTRAST and best.left < FAR_BETTER * own.left:
         part = best.left / own.left
         text = f"it is the landmark {rivals.names[k]}, which leaves {part * 100:.0f}% of what the drawn one leaves"

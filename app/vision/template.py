@@ -36,6 +36,37 @@ NOISE_PART = 0.1
 """Noise on a pixel, as a part of the contrast, against which these expectations weigh."""
 
 
+def seen_blurred(drawings: NDArray[np.float32], sigma_cells: float) -> Array:
+    """(n, PATCH, PATCH) what the cells see of drawings (n, m, m), each m / PATCH points along a cell, with a blur
+    (standard deviation) of that many cells; past its border a drawing goes on as there.
+    """
+    points = drawings.shape[-1]
+    fine = points // PATCH
+    size = round(8.0 * sigma_cells * fine) | 1
+    kernel = cv2.getGaussianKernel(size, sigma_cells * fine)
+    # A Gaussian's two directions are separate: as matrices, with the mean over a cell in them, they act on all at once.
+    spread = cv2.sepFilter2D(np.eye(points), -1, np.ones(1), kernel, borderType=cv2.BORDER_REPLICATE)
+    along = np.asarray(spread.reshape(PATCH, fine, points).mean(axis=1), dtype=np.float32)
+    return np.asarray(along @ drawings @ along.T, dtype=np.float64)
+
+
+def appearances(white: Array, outside: Array) -> Array:
+    """(n, 9, cells) what the grey of a patch is made of, for drawings of how white the cells are (n, PATCH, PATCH) and
+    how much of them lies outside the quiet zone (PATCH, PATCH): white print; outside; half the second derivatives of
+    the white print by row twice, by column twice and by both; its tone curve's bend; its gradient forward and right;
+    one.
+    """
+    by_row, by_column = np.gradient(white, axis=(1, 2))
+    row_row, row_column = np.gradient(by_row, axis=(1, 2))
+    x, y = (c.reshape(PATCH, PATCH) for c in cell_centres())
+    found = np.empty((len(white), 9, PATCH, PATCH))
+    found[:, 0], found[:, 1], found[:, 8] = white, outside, 1.0
+    found[:, 2], found[:, 3], found[:, 4] = 0.5 * row_row, 0.5 * np.gradient(by_column, axis=2), row_column
+    found[:, 5] = 4.0 * white * (1.0 - white) * (1.0 - outside)
+    found[:, 6], found[:, 7] = white * x, white * y
+    return found.reshape(len(white), 9, -1)
+
+
 class Template:
     """The drawing on the cells of the rectified patch, blurred.
 
@@ -45,32 +76,17 @@ class Template:
         sigma_cells: Its blur.
     """
 
-    def __init__(self, drawings: Array, sigma_cells: float) -> None:
-        self.white, self.outside = drawings
+    def __init__(self, white: Array, outside: Array, sigma_cells: float) -> None:
+        self.white, self.outside = white, outside
         self.sigma_cells = sigma_cells
         self._slopes: tuple[Array, Array] | None = None
         self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
 
     @cached_property
-    def _derivatives(self) -> Array:
-        """(2, 2, PATCH, PATCH) of white and outside by row and by column, per cell."""
-        return np.stack([np.stack(np.gradient(drawing)) for drawing in (self.white, self.outside)])
-
-    @cached_property
     def appearance(self) -> Array:
-        """(cells, 9) what the grey of a patch is made of: white print; outside; half the second derivatives of the
-        white print by row twice, by column twice and by both; its tone curve's bend; its gradient forward and right;
-        one.
-        """
-        by_row, by_column = self._derivatives[0]
-        row_row, row_column = np.gradient(by_row)
-        column_column = np.gradient(by_column)[1]
-        x, y = cell_centres()
-        white = self.white.ravel()
-        inside = 1.0 - self.outside.ravel()
-        terms = [white, self.outside.ravel(), 0.5 * row_row.ravel(), 0.5 * column_column.ravel(), row_column.ravel()]
-        bend = 4.0 * white * (1.0 - white) * inside
-        return np.column_stack([*terms, bend, white * x, white * y, np.ones(white.size)])
+        """(cells, 9), see appearances."""
+        result: Array = appearances(self.white[None], self.outside)[0].T
+        return result
 
     def at(self, cells: NDArray[np.intp]) -> tuple[Array, Array]:
         """Appearance (k, 9) of some cells, and the inverse (9, 9) of its held normal equations; kept for next time."""
@@ -120,7 +136,8 @@ class Template:
             half = PATCH / 2.0
             x, y = cell_centres()
             found = []
-            for by_row, by_column in self._derivatives:
+            for drawing in (self.white, self.outside):
+                by_row, by_column = np.gradient(drawing)
                 along, across = (-by_row * half).ravel(), (by_column * half).ravel()
                 radial = along * x + across * y
                 terms = [along * x, along * y, along, across * x, across * y, across, -radial * x, -radial * y]
@@ -160,7 +177,8 @@ class Rivals:
     Attributes:
         names: What they are, for people.
         must_differ: (n,) where a rival can't be told from the landmark, nothing is known: it is the landmark turned.
-        templates: As seen; the first one is the landmark itself.
+        white: (n, PATCH, PATCH) how white the cells are; the first one is the landmark itself.
+        templates: The same, one by one.
         contour: (n,) the outermost one that differs.
         reshaped: (n,) whether nothing but the innermost contour's shape differs.
     """
@@ -169,7 +187,8 @@ class Rivals:
         self,
         names: list[str],
         must_differ: list[bool],
-        templates: list[Template],
+        own: Template,
+        others: Array,
         contour: list[int],
         reshaped: list[bool],
     ) -> None:
@@ -177,23 +196,19 @@ class Rivals:
         self.contour = np.array(contour)
         self.must_differ = np.array(must_differ)
         self.reshaped = np.array(reshaped)
-        self.templates = templates
+        self.white = np.concatenate([own.white[None], others])
+        self.templates = [own, *(Template(white, own.outside, own.sigma_cells) for white in others)]
         self._kept: tuple[NDArray[np.intp], Array, Array] | None = None
 
     @cached_property
     def windows(self) -> Windows:
         """What each shows place by place."""
-        return Windows(np.stack([t.white for t in self.templates]))
+        return Windows(self.white)
 
     @cached_property
     def averaged(self) -> Array:
         """(n, PATCH, PATCH) how white each cell and its neighbours are."""
-        return np.stack([cv2.blur(t.white, (3, 3)) for t in self.templates])
-
-    @cached_property
-    def _appearances(self) -> Array:
-        """(n, 9, cells)."""
-        return np.stack([t.appearance.T for t in self.templates])
+        return np.stack([cv2.blur(white, (3, 3)) for white in self.white])
 
     def left(self, values: Array, cells: NDArray[np.intp]) -> Array:
         """(n, k) sums of squares that each drawing leaves of some greys, with the appearance that suits it best.
@@ -204,7 +219,7 @@ class Rivals:
         """
         kept = self._kept
         if kept is None or not np.array_equal(kept[0], cells):
-            terms = self._appearances[:, :, cells]
+            terms = appearances(self.white, self.templates[0].outside)[:, :, cells]
             normal = terms @ terms.transpose(0, 2, 1)
             inverse = np.linalg.inv(normal + np.diag(1e-6 * len(cells) + self.templates[0].hold))
             kept = cells, terms.reshape(-1, len(cells)), inverse @ (2.0 * np.eye(len(normal[0])) - normal @ inverse)

@@ -28,13 +28,13 @@ class Variant:
     Attributes:
         name: What is changed, for people.
         contour: The outermost one that differs.
-        drawing: See _drawn.
+        white: See _drawn.
         reshaped: Whether the innermost contour has another shape, and all else is as drawn.
     """
 
     name: str
     contour: int
-    drawing: NDArray[np.float32]
+    white: NDArray[np.float32]
     reshaped: bool = False
 
 
@@ -69,23 +69,33 @@ def drawings(landmark: Landmark) -> list[Variant]:
     return found
 
 
+def _points(landmark: Landmark) -> Array:
+    """(n * n, 2) forward and right, metres: FINE x FINE points a cell of the patch."""
+    n = FINE * PATCH
+    half = 0.5 * PATCH_EXTENT * landmark.size_m
+    at = half * (1.0 - (2.0 * np.arange(n) + 1.0) / n)
+    forward, right = np.meshgrid(at, -at, indexing="ij")
+    return np.column_stack([forward.ravel(), right.ravel()])
+
+
+def outside(landmark: Landmark) -> NDArray[np.float32]:
+    """(n, n) with FINE x FINE points a cell: 1 outside the quiet zone."""
+    found = np.abs(_points(landmark)).max(axis=1) > 0.5 * landmark.quiet_zone_m
+    return np.asarray(found.reshape(FINE * PATCH, -1), dtype=np.float32)
+
+
 def _drawn(landmark: Landmark, contours: Sequence[tuple[Array, bool]]) -> NDArray[np.float32]:
-    """(2, n, n) with FINE x FINE points a cell: 1 where white is printed; 1 outside the quiet zone.
+    """(n, n) with FINE x FINE points a cell: 1 where white is printed.
 
     Args:
         landmark: Of whose quiet zone.
         contours: Corners (k, 2) and whether the inside is black, outermost first.
     """
-    n = FINE * PATCH
-    half = 0.5 * PATCH_EXTENT * landmark.size_m
-    at = half * (1.0 - (2.0 * np.arange(n) + 1.0) / n)
-    forward, right = np.meshgrid(at, -at, indexing="ij")
-    points = np.column_stack([forward.ravel(), right.ravel()])
-    outside = np.abs(points).max(axis=1) > 0.5 * landmark.quiet_zone_m
-    white = ~outside
+    points = _points(landmark)
+    white = np.abs(points).max(axis=1) <= 0.5 * landmark.quiet_zone_m
     for corners, black in contours:
         white = np.where(gaps_to_points(corners, points) > 0, not black, white)
-    return np.stack([white, outside]).reshape(2, n, n).astype(np.float32)
+    return np.asarray(white.reshape(FINE * PATCH, -1), dtype=np.float32)
 
 
 def _regular(count: int, area_m2: float, first_deg: float) -> Array:
