@@ -42,6 +42,9 @@ FOLLOWED_SHARE = 0.8
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
+UNSETTLED_PX = 0.8
+"""A fit whose last step still moved an edge so far goes to and fro between two wrong answers: of right ones none moves
+by more than 0.43."""
 RELIT_MIN_PX = 14.0
 RELIT_ROUNDS = 2
 """The shadow's edge is found again on the map that it led to."""
@@ -79,6 +82,8 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
             break
     if fit is None:
         return Rejection(Refusal.SIDES, "its sides don't hold the drawing")
+    if fit.edges.step_px > UNSETTLED_PX:
+        return Rejection(Refusal.SIDES, f"its sides don't settle: the last step moved them by {fit.edges.step_px:.1f} px")
     return judge_edges(fit, view)
 
 
