@@ -82,8 +82,9 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
             break
     if fit is None:
         return Rejection(Refusal.SIDES, "its sides don't hold the drawing")
-    if fit.edges.step_px > UNSETTLED_PX:
-        return Rejection(Refusal.SIDES, f"its sides don't settle: the last step moved them by {fit.edges.step_px:.1f} px")
+    moved_px = fit.edges.step_px
+    if moved_px > UNSETTLED_PX:
+        return Rejection(Refusal.SIDES, f"its sides don't settle: the last step moved them by {moved_px:.1f} px")
     return judge_edges(fit, view)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from app.vision import candidates
 from app.vision.agreement import MIN_AGREE_WHOLE, check_agreement
 from app.vision.align import align
-from app.vision import candidates
 from app.vision.candidates import confirm_large, confirm_shaded, confirm_small
 from app.vision.evidence import check_contours, check_edges, check_sandwiched, heading_is_open
 from app.vision.patch import near_view, rectify, resemblance
