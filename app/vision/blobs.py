@@ -17,7 +17,7 @@ from app.vision.contours import Tree
 from app.vision.fit import homography
 from app.vision.patch import View
 from app.vision.preprocess import Prepared
-from app.vision.template import PATCH, PSF_SIGMA_PX
+from app.vision.template import PATCH, PATCH_EXTENT, PSF_SIGMA_PX
 
 SIDES_PX = (7.0, 56.0)
 """Sides of the outermost contour that are looked for this way."""
@@ -61,7 +61,7 @@ def _boxes(tree: Tree, prepared: Prepared, view: View) -> tuple[Array, Array]:
     edge = math.sqrt(0.5) / np.sqrt((arm * arm).sum(axis=2)).mean(axis=1)
     scale = np.where(black, 1.0 + edge, (1.0 - edge) / grown)
     least = np.full(len(scale), LIKENESS)
-    if (second := view.geometry.second_part) is not None:
+    if (second := view.geometry.glance.second_part) is not None:
         middle = np.concatenate([middle, middle[~black]])
         # The blur of the dark ring round it makes the second one smaller.
         arm, scale = np.concatenate([arm, arm[~black]]), np.concatenate([scale, (1.0 + 0.5 * edge[~black]) / second])
@@ -109,8 +109,8 @@ def _likeness(boxes: Array, view: View) -> tuple[Array, Array]:
     """(n, 4) correlation of each box with the drawing, if its first corner is the drawing's k-th; the same where a
     shadow's edge may lie across it.
     """
-    geometry = view.geometry
-    at = geometry.blob_grid
+    geometry, glance = view.geometry, view.geometry.glance
+    at = glance.grid
     middle = boxes.mean(axis=1)
     forward, right = 0.5 * (boxes[:, 0] - boxes[:, 3]), 0.5 * (boxes[:, 1] - boxes[:, 0])
     px = middle[:, None] + at[:, :1] * forward[:, None] + at[:, 1:] * right[:, None] - view.origin
@@ -124,10 +124,10 @@ def _likeness(boxes: Array, view: View) -> tuple[Array, Array]:
     classes = np.round(2.0 * np.log2(side)).astype(int)
     for size in np.unique(classes):
         mine = classes == size
-        cell_px = 2.0 ** (size / 2.0) * geometry.patch_part / PATCH
-        templates = geometry.blob_templates(PSF_SIGMA_PX / cell_px)
+        cell_px = 2.0 ** (size / 2.0) * PATCH_EXTENT / PATCH
+        templates = glance.templates(geometry.template(PSF_SIGMA_PX / cell_px))
         found[mine] = values[mine] @ templates.T
-        shaded[mine] = in_two_lights(values[mine], templates, geometry.blob_halves)
+        shaded[mine] = in_two_lights(values[mine], templates, glance.halves)
     return found, shaded
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from app.frames import Array
 from app.landmark import Landmark, Shape, gaps_m
+from app.vision.glance import Glance
 from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template, seen_blurred
 from app.vision.variants import Variant, drawings, gaps_to_points, outside
 
@@ -28,13 +29,6 @@ is wrong by less than a hundredth of a pixel."""
 JUDGED_EXTENT = 1.12
 """The middle part of the patch that is correlated, in sides of the outermost contour: what lies beyond may be
 anything."""
-CENTRED = 0.02
-"""Sides of the outermost contour that another's middle may lie off its own."""
-BLOB_GRID = PATCH // 2
-"""Samples along the patch of which small landmarks are told at a first glance."""
-BLOB_ANGLES = 8
-BLOB_OFFSETS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-"""Half sides of the outermost contour from its middle to where a shadow's edge may lie across it."""
 BLURS_PER_OCTAVE = 4.0
 RIVALS_KEPT = 6
 """Blurs whose rivals are kept, oldest out first: each is 12 MB, and a flight runs through twenty of them."""
@@ -120,7 +114,6 @@ class LandmarkGeometry:
         self.point_slanted: NDArray[np.bool_] = np.abs(self.unit_tangents).min(axis=1) > SLANTED
         self._templates: dict[int, Template] = {}
         self._rivals: dict[int, Rivals] = {}
-        self._blob_templates: dict[int, Array] = {}
         self._inners: dict[int, LandmarkGeometry] = {}
         self._cells: dict[int | None, NDArray[np.intp]] = {}
         self._insides: dict[int, NDArray[np.bool_]] = {}
@@ -268,54 +261,9 @@ class LandmarkGeometry:
         return self._rivals[key]
 
     @cached_property
-    def second_part(self) -> float | None:
-        """Side of the second contour in sides of the outermost, if it is a square in the middle of it."""
-        if len(self.landmark.contours) < 2:
-            return None
-        second = self.landmark.contours[1]
-        centred = float(np.abs(self.centroids[1]).max()) < CENTRED * self.size_m
-        return second.side_m / self.size_m if second.shape is Shape.SQUARE and centred else None
-
-    @cached_property
-    def patch_part(self) -> float:
-        """Side of the patch in sides of the outermost contour."""
-        return PATCH_EXTENT
-
-    @cached_property
-    def _blob_cells(self) -> NDArray[np.bool_]:
-        """(BLOB_GRID, BLOB_GRID) samples that are compared: the quiet zone's inner part and what it holds."""
-        at = PATCH_EXTENT * (1.0 - (2.0 * np.arange(BLOB_GRID) + 1.0) / BLOB_GRID)
-        near = np.abs(at) < min(JUDGED_EXTENT, self.landmark.quiet_zone_m / self.size_m)
-        return np.asarray(near[:, None] & near)
-
-    @cached_property
-    def blob_grid(self) -> Array:
-        """(m, 2) those samples' places, forward and right, in half sides of the outermost contour."""
-        at = PATCH_EXTENT * (1.0 - (2.0 * np.arange(BLOB_GRID) + 1.0) / BLOB_GRID)
-        forward, right = np.meshgrid(at, -at, indexing="ij")
-        return np.column_stack([forward[self._blob_cells], right[self._blob_cells]])
-
-    @cached_property
-    def blob_halves(self) -> Array:
-        """(lines, m) 1 for the samples on one side of a line across the landmark, 0 for the others."""
-        forward, right = self.blob_grid.T
-        found = []
-        for angle in math.pi * np.arange(BLOB_ANGLES) / BLOB_ANGLES:
-            across = math.cos(angle) * forward + math.sin(angle) * right
-            found += [across > offset for offset in BLOB_OFFSETS]
-        return np.array(found, dtype=np.float64)
-
-    def blob_templates(self, sigma_cells: float) -> Array:
-        """(4, m) the drawing at those samples, of mean 0 and length 1, turned so that its corner k takes the place of
-        the first one.
-        """
-        key = self._blur_key(sigma_cells)
-        if key not in self._blob_templates:
-            small = self.template(sigma_cells).white.reshape(BLOB_GRID, PATCH // BLOB_GRID, BLOB_GRID, -1)
-            turned = [np.rot90(small.mean(axis=(1, 3)), turn)[self._blob_cells] for turn in range(4)]
-            rows = np.stack(turned) - np.mean(turned, axis=1, keepdims=True)
-            self._blob_templates[key] = rows / np.sqrt((rows * rows).sum(axis=1, keepdims=True))
-        return self._blob_templates[key]
+    def glance(self) -> Glance:
+        """What small landmarks are told by at a first glance."""
+        return Glance(self.landmark, JUDGED_EXTENT)
 
     @cached_property
     def judged(self) -> NDArray[np.bool_]:

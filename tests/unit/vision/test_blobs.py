@@ -85,12 +85,14 @@ def two_lights(maps, values):
     values = values - values.mean()
     length = np.linalg.norm(values)
     values = values / length if length > 0 else values
-    return in_two_lights(values[None], maps.geometry.blob_templates(0.5), maps.geometry.blob_halves)[0]
+    return in_two_lights(
+        values[None], maps.geometry.glance.templates(maps.geometry.template(0.5)), maps.geometry.glance.halves
+    )[0]
 
 
 def test_drawing_half_in_the_shade_is_as_alike_as_in_one_light(maps):
-    forward, right = maps.geometry.blob_grid.T
-    drawn = maps.geometry.blob_templates(0.5)[1]
+    forward, right = maps.geometry.glance.grid.T
+    drawn = maps.geometry.glance.templates(maps.geometry.template(0.5))[1]
     lit = np.where(0.6 * forward + 0.8 * right > 0.1, 1.0, 0.25)
     alike = two_lights(maps, (drawn - drawn.min()) * lit)
     assert alike.argmax() == 1
@@ -99,7 +101,7 @@ def test_drawing_half_in_the_shade_is_as_alike_as_in_one_light(maps):
 
 @pytest.mark.parametrize("seed", [None, 1, 2])
 def test_two_greys_and_nothing_at_all_are_like_no_drawing(maps, seed):
-    forward, _ = maps.geometry.blob_grid.T
+    forward, _ = maps.geometry.glance.grid.T
     step = np.zeros_like(forward) if seed is None else np.where(forward > 0.2, 200.0, 60.0)
     noise = 0.0 if seed is None else np.random.default_rng(seed).normal(0.0, 3.0, len(forward))
     assert two_lights(maps, step + noise).max() < 0.5
