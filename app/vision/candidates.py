@@ -19,6 +19,7 @@ from app.vision.picture import Explained, explain_patch
 from app.vision.refine import FINE_REACH_PX, NEARLY_ALL, fit_edges
 from app.vision.refusal import Refusal, Rejection
 from app.vision.relight import find_shadow_edge, relit
+from app.vision.ring import Ring
 from app.vision.table import Alignment as Reading
 from app.vision.table import alignments
 from app.vision.verdict import SMALL_PX, Found, judge_alignment, judge_edges
@@ -32,6 +33,7 @@ NEXT_REACH_PX = 3.0
 REACH_PART = 0.012
 """Where sides are still missing they are sought this part of the outer side away, nearer in steps."""
 PARTIAL_REACHES_PX = (12.0, 6.0)
+RING_REACHES_PX = (12.0, 8.0, 5.0, FINE_REACH_PX)
 PARTIAL_POINTS = 12
 PARTIAL_SHARE = 0.6
 EASY_PX = 3.2
@@ -230,6 +232,18 @@ def confirm_partial(start: Array, contour: int, view: View) -> Found | Rejection
     if confirmed < max(PARTIAL_POINTS, PARTIAL_SHARE * seen):
         return Rejection(Refusal.NOT_CONVEX, f"{confirmed} of {seen} points on the sides of {name} are there")
     return confirm([fit.rays_from_pad @ turn for turn in geometry.turns_about(contour)], alone, view)
+
+
+def confirm_ring(ring: Ring, view: View) -> Found | Rejection:
+    """Confirm a map that was made from a corner of the ring between two squares, and is rough away from it."""
+    geometry = view.geometry
+    run = range(ring.contour, ring.contour + 2)
+    fit = fit_edges(view.image, ring.rays_from_pad, geometry, view.lens, run, RING_REACHES_PX, view.origin, alone=True)
+    if fit is None:
+        return Rejection(Refusal.NOT_CONVEX, "its sides don't hold the ring")
+    if fit.edges.share < PARTIAL_SHARE or int(fit.edges.confirmed.sum()) < PARTIAL_POINTS:
+        return Rejection(Refusal.NOT_CONVEX, f"{fit.edges.share * 100:.0f}% of the ring's sides are there")
+    return confirm([fit.rays_from_pad @ turn for turn in geometry.turns_about(ring.contour)], run, view)
 
 
 def _confirm_reading(nest: Nest, reading: Reading, view: View, min_side_px: float) -> Found | Rejection:

@@ -31,6 +31,7 @@ from app.vision.candidates import (
     confirm_large,
     confirm_partial,
     confirm_relit,
+    confirm_ring,
     confirm_shaded,
     confirm_small,
     examine,
@@ -39,7 +40,7 @@ from app.vision.candidates import (
 from app.vision.contours import contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
-from app.vision.partial import readings, sides
+from app.vision.partial import outlines, readings, sides
 from app.vision.patch import Patch, View, rectify
 from app.vision.preprocess import (
     Prepared,
@@ -55,6 +56,7 @@ from app.vision.preprocess import (
 )
 from app.vision.refine import FINE_REACH_PX
 from app.vision.refusal import Refusal, Rejection
+from app.vision.ring import rings
 from app.vision.threshold import ThresholdState, after_miss, after_success, ladder, threshold_now
 from app.vision.verdict import SMALL_PX, Found
 
@@ -247,13 +249,19 @@ class Detector:
                 candidates.append(Candidate((box,), "small", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
-        for side in sides(tree, prepared, view) if thorough else ():
+        seen = outlines(tree, prepared, view) if thorough else []
+        for side in sides(seen):
             for k, start in readings(side, self.geometry):
                 result = self._large_enough(confirm_partial(start, k, view))
                 refused = result if isinstance(result, Rejection) else None
                 candidates.append(Candidate((side.outline_px,), "side", refused))
                 if isinstance(result, Found):
                     return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
+        for ring in rings(seen, view):
+            result = self._large_enough(confirm_ring(ring, view))
+            candidates.append(Candidate((ring.outline_px,), "ring", result if isinstance(result, Rejection) else None))
+            if isinstance(result, Found):
+                return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         return Attempt(how, prepared.region, level, binary, tuple(candidates), None)
 
     def _large_enough(self, found: Found | Rejection) -> Found | Rejection:

@@ -66,15 +66,39 @@ class Side:
     outline_px: Array
 
 
-def _polygon(
-    points: NDArray[np.int32], prepared: Prepared, view: View
-) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """A contour's corners: at distance 1 (k, 2), in the frame (k, 2), and whether each lies on the border."""
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A contour and its corners, clockwise as seen, u to the right and v down.
+
+    Attributes:
+        points: (m, 2) of the contour, at distance 1 from the camera along its axis.
+        index: (k,) which of them are its corners.
+        px: (k, 2) these in the frame.
+        border: (k,) whether they lie on the image's border.
+        black: Whether the inside is black.
+        reduction: Of the image that it was seen in.
+    """
+
+    points: Array
+    index: NDArray[np.intp]
+    px: Array
+    border: NDArray[np.bool_]
+    black: bool
+    reduction: int
+
+    @property
+    def corners(self) -> Array:
+        """(k, 2) at distance 1."""
+        return self.points[self.index]
+
+
+def _outline(points: NDArray[np.int32], black: bool, prepared: Prepared, view: View) -> Outline | None:
+    """A contour's corners; None where the lens doesn't see all of it."""
     thin = points[:: len(points) // MAX_POINTS + 1, 0]
     px = prepared.to_frame(thin.astype(np.float64))
     rays = view.lens.rays(px)
     middle = rays.sum(axis=0)
-    if not math.isfinite(float(middle.sum())) or float(middle @ middle) < 1e-6:
+    if not math.isfinite(float(middle.sum())) or float(middle @ middle) < 1e-6 or float(rays[:, 2].min()) < WIDEST:
         return None
     flat = rays @ tangent_basis(middle).T
     if float(flat[:, 2].min()) < WIDEST:
@@ -86,13 +110,15 @@ def _polygon(
         return None
     # approxPolyDP returns points of its input: their places tell the rays.
     index = (_as_numbers(simple)[:, None] == _as_numbers(plane)).argmax(axis=1)
-    corner_rays = rays[index]
-    if float(corner_rays[:, 2].min()) < WIDEST:
-        return None
     height, width = prepared.smooth.shape
     at = thin[index]
     border = (at < BORDER_PX).any(axis=1) | (at[:, 0] > width - 1 - BORDER_PX) | (at[:, 1] > height - 1 - BORDER_PX)
-    return corner_rays[:, :2] / corner_rays[:, 2:], px[index], border
+    ahead = rays[:, :2] / rays[:, 2:]
+    x, y = ahead[index].T
+    if float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) < 0:
+        ahead, index, border = ahead[::-1], len(ahead) - 1 - index[::-1], border[::-1]
+        px = px[::-1]
+    return Outline(ahead, index, px[index], border, black, prepared.reduction)
 
 
 def _as_numbers(points: NDArray[np.float32]) -> NDArray[np.complex64]:
@@ -101,26 +127,22 @@ def _as_numbers(points: NDArray[np.float32]) -> NDArray[np.complex64]:
     return result
 
 
-def _sides(corners: Array, px: Array, border: NDArray[np.bool_], black: bool) -> Iterator[Side]:
+def _sides(outline: Outline) -> Iterator[Side]:
     """Sides of one closed polygon whose two corners turn the same way."""
+    corners, px = outline.corners, outline.px
     n = len(corners)
     after = np.arange(1, n + 1) % n
-    x, y = corners[:, 0], corners[:, 1]
-    if float(x @ y[after] - x[after] @ y) < 0:
-        # Clockwise as seen, u to the right and v down.
-        corners, px, border = corners[::-1], px[::-1], border[::-1]
     step = px[after] - px
     length_px: list[float] = np.sqrt((step * step).sum(axis=1)).tolist()
     if max(length_px) < SIDE_MIN_PX:
         return
     edge = corners[after] - corners
     length: list[float] = np.sqrt((edge * edge).sum(axis=1)).tolist()
-    before = edge[after - 2]
-    bend = before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
-    dot = (before * edge).sum(axis=1)
-    angle: list[float] = (180.0 - np.degrees(np.abs(np.arctan2(bend, dot)))).tolist()
+    bend, angle_deg = turns_at(corners)
+    angle: list[float] = angle_deg.tolist()
     inward: list[bool] = (bend > 0).tolist()
-    cut: list[bool] = border.tolist()
+    cut: list[bool] = outline.border.tolist()
+    black = outline.black
     for p in range(n):
         q, end, begin = (p + 1) % n, (p + 2) % n, (p - 1) % n
         if cut[p] or cut[q] or inward[p] != inward[q] or length_px[p] < SIDE_MIN_PX:
@@ -137,15 +159,25 @@ def _sides(corners: Array, px: Array, border: NDArray[np.bool_], black: bool) ->
             yield Side(corners[order[::-1]], whole[::-1], not black, mean, length_px[p], px[order[::-1]])
 
 
-def sides(tree: Tree, prepared: Prepared, view: View) -> list[Side]:
-    """The longest sides of a binary image's contours, the longest first."""
+def turns_at(corners: Array) -> tuple[Array, Array]:
+    """(k,) of a polygon's corners (k, 2), clockwise: over 0 where it is convex; and the angle between the two sides."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    before = np.roll(edge, 1, axis=0)
+    bend = before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]
+    return bend, 180.0 - np.degrees(np.abs(np.arctan2(bend, (before * edge).sum(axis=1))))
+
+
+def outlines(tree: Tree, prepared: Prepared, view: View) -> list[Outline]:
+    """The longest contours of a binary image with their corners."""
     long = np.flatnonzero(tree.length >= SHORTEST_PX)
     long = long[np.argsort(-tree.length[long], kind="stable")][:MAX_CONTOURS]
-    found: list[Side] = []
-    for k in long.tolist():
-        polygon = _polygon(tree.points[k], prepared, view)
-        if polygon is not None:
-            found += _sides(*polygon, bool(tree.black_inside[k]))
+    found = [_outline(tree.points[k], bool(tree.black_inside[k]), prepared, view) for k in long.tolist()]
+    return [outline for outline in found if outline is not None]
+
+
+def sides(of: list[Outline]) -> list[Side]:
+    """The longest sides of some contours, the longest first."""
+    found = [side for outline in of for side in _sides(outline)]
     found.sort(key=lambda s: -s.length_px)
     return found[:MAX_SIDES]
 

@@ -5,14 +5,14 @@ import pytest
 
 from app.vision.candidates import PARTIAL_REACHES_PX
 from app.vision.contours import contour_tree
-from app.vision.partial import readings, sides
+from app.vision.partial import outlines, readings, sides
 from app.vision.preprocess import binarise, global_otsu, prepare, whole
 
 
 def sides_of(maps, image, lens):
     prepared = prepare(image, whole(image))
     binary = binarise(prepared.smooth, global_otsu(image))
-    return sides(contour_tree(binary), prepared, maps.look_at(image, lens))
+    return sides(outlines(contour_tree(binary), prepared, maps.look_at(image, lens)))
 
 
 def errors_px(maps, found, view, lens):

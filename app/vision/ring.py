@@ -1,0 +1,225 @@
+"""Landmarks of which little more than a corner shows: hypotheses from the ring between two squares.
+
+Where a square's corner and the corner of the next square in it are seen, with a piece of both sides at each, these four
+lines cross in four points that are drawn too, and determine the map of the pad's plane. Nothing is confirmed here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.frames import Array
+from app.landmark import Shape
+from app.vision.fit import homography
+from app.vision.geometry import LandmarkGeometry
+from app.vision.partial import Outline, turns_at
+from app.vision.patch import View
+
+ARM_MIN_PX = 8.0
+"""Shortest piece of a side that counts."""
+MERGED_PX = 6.0
+CORNER_DEG = (50.0, 130.0)
+MAX_CORNERS = 60
+MAX_RINGS = 4
+MIN_WIDTH_PX = 3.0
+"""Shortest way from corner to corner."""
+ALONG, INWARD = 0.93, 0.8
+"""Smallest cosines: between the sides of both squares, and of the way from corner to corner to the middle between the
+outer square's sides."""
+END_PART = 10
+"""This part of a side, at each end, lies in a corner's blur."""
+MAX_BENT = 0.6
+"""How far the pad's two axes may be from right angles and equal lengths."""
+PARALLEL = 1e-6
+CONCENTRIC = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class _Corner:
+    """A corner of something.
+
+    Attributes:
+        outline: Whose.
+        number: Which of its corners.
+        flipped: Whether the colour that the corner holds is not the one inside the contour.
+    """
+
+    outline: Outline
+    number: int
+    flipped: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """A corner of a ring.
+
+    Attributes:
+        contour: Index of the outer square.
+        rays_from_pad: (3, 3), right but for a turn of that square into itself.
+        outline_px: (2, 2) the outer and the inner corner in the frame.
+    """
+
+    contour: int
+    rays_from_pad: Array
+    outline_px: Array
+
+
+def rings(of: list[Outline], view: View) -> list[Ring]:
+    """Hypotheses from some contours, those with the longest pieces of sides first."""
+    geometry = view.geometry
+    squares = _nested_squares(geometry)
+    if not squares or not of:
+        return []
+    corners, place, before, after, black, arm_px = _corners(of)
+    found: list[Ring] = []
+    for outer, inner in _pairs(place, before, after, black, arm_px, view.lens.focal_px):
+        four = _crossings(_lines(corners[outer], view), _lines(corners[inner], view))
+        if four is None:
+            continue
+        for k in squares:
+            if geometry.landmark.contours[k].black == black[outer]:
+                matrix = homography(_drawn(geometry, k), four)
+                if matrix is not None and _bent(matrix) < MAX_BENT:
+                    ends = [c.outline.px[c.number] for c in (corners[outer], corners[inner])]
+                    found.append(Ring(k, matrix, np.stack(ends)))
+        if len(found) >= MAX_RINGS:
+            break
+    return found[:MAX_RINGS]
+
+
+def _nested_squares(geometry: LandmarkGeometry) -> list[int]:
+    """Contours that are squares, with a square in the middle of them as the next one."""
+    contours = geometry.landmark.contours
+    return [
+        k
+        for k in range(len(contours) - 1)
+        if contours[k].shape is contours[k + 1].shape is Shape.SQUARE
+        and float(np.abs(geometry.centroids[k] - geometry.centroids[k + 1]).max()) < CONCENTRIC * geometry.size_m
+    ]
+
+
+def _merged(outline: Outline) -> Outline:
+    """A contour without the second of two corners that lie close together: a rounded one may be seen as two."""
+    step = np.roll(outline.px, -1, axis=0) - outline.px
+    near = np.hypot(step[:, 0], step[:, 1]) < MERGED_PX * outline.reduction
+    near &= ~outline.border & ~np.roll(outline.border, -1)
+    kept = ~np.roll(near, 1)
+    if kept.all() or np.count_nonzero(kept) < 3:
+        return outline
+    return replace(outline, index=outline.index[kept], px=outline.px[kept], border=outline.border[kept])
+
+
+def _corners(of: list[Outline]) -> tuple[list[_Corner], Array, Array, Array, NDArray[np.bool_], Array]:
+    """Corners of about the angle of a square's, with the longest sides; (n, 2) where they are, at distance 1; (n, 2)
+    directions of the sides before and after them, clockwise about the colour that the corner holds; (n,) whether that
+    is black; (n,) the shorter side, pixels.
+    """
+    corners: list[_Corner] = []
+    parts: list[tuple[Array, Array, Array, NDArray[np.bool_], Array]] = []
+    for outline in map(_merged, of):
+        at = outline.corners
+        ahead = np.roll(at, -1, axis=0) - at
+        ahead = ahead / np.maximum(np.sqrt((ahead * ahead).sum(axis=1, keepdims=True)), 1e-12)
+        step = np.roll(outline.px, -1, axis=0) - outline.px
+        long = np.sqrt((step * step).sum(axis=1))
+        arm = np.minimum(long, np.roll(long, 1))
+        bend, angle = turns_at(at)
+        good = (arm >= ARM_MIN_PX) & (angle > CORNER_DEG[0]) & (angle < CORNER_DEG[1]) & ~outline.border
+        # Where the contour turns the other way, the corner holds the other colour; clockwise is the other way round.
+        flipped = bend <= 0
+        before, after = np.roll(ahead, 1, axis=0), ahead
+        first = np.where(flipped[:, None], -after, before)
+        second = np.where(flipped[:, None], -before, after)
+        corners += [_Corner(outline, int(k), bool(flipped[k])) for k in np.flatnonzero(good)]
+        parts.append((at[good], first[good], second[good], (flipped ^ outline.black)[good], arm[good]))
+    place, first, second, black, arm = (np.concatenate(column) for column in zip(*parts, strict=True))
+    longest = np.argsort(-arm, kind="stable")[:MAX_CORNERS]
+    kept = [corners[k] for k in longest.tolist()]
+    return kept, place[longest], first[longest], second[longest], black[longest], arm[longest]
+
+
+def _pairs(
+    place: Array, before: Array, after: Array, black: NDArray[np.bool_], arm_px: Array, focal_px: float
+) -> list[tuple[int, int]]:
+    """Corners that may be those of a square and of the next one in it, the longest sides first."""
+    way = place[None] - place[:, None]
+    length = np.sqrt((way * way).sum(axis=2))
+    middle = after - before
+    middle = middle / np.maximum(np.sqrt((middle * middle).sum(axis=1, keepdims=True)), 1e-12)
+    fits = (black[:, None] != black) & (length * focal_px > MIN_WIDTH_PX)
+    fits &= (before @ before.T > ALONG) & (after @ after.T > ALONG)
+    fits &= np.einsum("ijx,ix->ij", way, middle) > INWARD * length
+    outer, inner = np.nonzero(fits)
+    # Of corners that would do, the nearest is the next square's.
+    order = np.lexsort((length[outer, inner], -np.minimum(arm_px[outer], arm_px[inner])))
+    return list(zip(outer[order].tolist(), inner[order].tolist(), strict=True))
+
+
+def _lines(corner: _Corner, view: View) -> list[tuple[Array, Array]]:
+    """The sides before and after a corner, each a point (2,) and a direction (2,) along the contour."""
+    outline, count = corner.outline, len(corner.outline.index)
+    half_px = (-0.5 if outline.black else 0.5) * outline.reduction / view.lens.focal_px
+    found: list[tuple[Array, Array]] = []
+    for first in (corner.number - 1, corner.number):
+        start, stop = int(outline.index[first % count]), int(outline.index[(first + 1) % count])
+        stop += len(outline.points) if stop <= start else 0
+        off = (stop - start) // END_PART
+        points = outline.points[np.arange(start + off, stop - off + 1) % len(outline.points)]
+        middle = points.mean(axis=0)
+        spread = points - middle
+        _, axes = np.linalg.eigh(spread.T @ spread)
+        along = axes[:, 1]
+        # Contours run through the middles of black pixels: the edge lies half a pixel off, on the white side.
+        inward = np.array([-along[1], along[0]])
+        if along @ (outline.points[stop % len(outline.points)] - outline.points[start]) < 0:
+            along, inward = -along, -inward
+        found.append((middle + half_px * inward, along))
+    return found[::-1] if corner.flipped else found
+
+
+def _cross(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array | None:
+    """(2,) where two lines cross."""
+    (p, d), (q, e) = one, other
+    area = float(e[0] * d[1] - d[0] * e[1])
+    if abs(area) < PARALLEL:
+        return None
+    step = q - p
+    result: Array = p + d * (float(e[0] * step[1] - e[1] * step[0]) / area)
+    return result
+
+
+def _crossings(outer: list[tuple[Array, Array]], inner: list[tuple[Array, Array]]) -> Array | None:
+    """(4, 2) the outer corner, the outer side before with the inner one after, the inner corner, the inner side before
+    with the outer one after.
+    """
+    points = [
+        _cross(outer[0], outer[1]),
+        _cross(outer[0], inner[1]),
+        _cross(inner[0], inner[1]),
+        _cross(inner[0], outer[1]),
+    ]
+    found = [p for p in points if p is not None]
+    return np.stack(found) if len(found) == 4 else None
+
+
+def _drawn(geometry: LandmarkGeometry, contour: int) -> Array:
+    """(4, 2) the same points of the first corners of a contour and of the next one in it, metres."""
+
+    def sides(k: int) -> list[tuple[Array, Array]]:
+        corners = geometry.corners[geometry.slices[k]]
+        return [(corners[0], corners[0] - corners[-1]), (corners[0], corners[1] - corners[0])]
+
+    found = _crossings(sides(contour), sides(contour + 1))
+    assert found is not None  # neighbouring sides of squares
+    return found
+
+
+def _bent(matrix: Array) -> float:
+    """How far the two axes of a map are from right angles and equal lengths, as parts of their length."""
+    (g00, g01, _), (_, g11, _), _ = (matrix.T @ matrix).tolist()
+    unit = 0.5 * (g00 + g11)
+    return max(abs(g01), 0.5 * abs(g00 - g11)) / unit if unit > 0.0 and math.isfinite(unit) else math.inf
