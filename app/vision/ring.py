@@ -1,7 +1,7 @@
-"""Landmarks of which little more than a corner shows: hypotheses from the ring between two squares.
+"""Landmarks of which little more than a corner shows: hypotheses from the ring between two squares or two triangles.
 
-Where a square's corner and the corner of the next square in it are seen, with a piece of both sides at each, these four
-lines cross in four points that are drawn too, and determine the map of the pad's plane. Nothing is confirmed here.
+Where a contour's corner and that of the next one in it are seen, with a piece of both sides at each, these four lines
+cross in four points that are drawn too, and determine the map of the pad's plane. Nothing is confirmed here.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from app.vision.patch import View
 ARM_MIN_PX = 8.0
 """Shortest piece of a side that counts."""
 MERGED_PX = 6.0
-CORNER_DEG = (50.0, 130.0)
+CORNER_DEG = {Shape.SQUARE: (50.0, 130.0), Shape.TRIANGLE: (30.0, 95.0)}
+SHARPEST_DEG, BLUNTEST_DEG = 30.0, 130.0
 MAX_CORNERS = 60
 MAX_RINGS = 4
 MIN_WIDTH_PX = 3.0
@@ -58,8 +59,8 @@ class Ring:
     """A corner of a ring.
 
     Attributes:
-        contour: Index of the outer square.
-        rays_from_pad: (3, 3), right but for a turn of that square into itself.
+        contour: Index of the outer one of the two contours.
+        rays_from_pad: (3, 3), right but for a turn of that contour into itself.
         outline_px: (2, 2) the outer and the inner corner in the frame.
     """
 
@@ -71,8 +72,8 @@ class Ring:
 def rings(of: list[Outline], view: View) -> list[Ring]:
     """Hypotheses from some contours, those with the longest pieces of sides first."""
     geometry = view.geometry
-    squares = _nested_squares(geometry)
-    if not squares or not of:
+    pairs = _alike(geometry)
+    if not pairs or not of:
         return []
     corners, place, before, after, black, arm_px = _corners(of)
     found: list[Ring] = []
@@ -80,8 +81,10 @@ def rings(of: list[Outline], view: View) -> list[Ring]:
         four = _crossings(_lines(corners[outer], view), _lines(corners[inner], view))
         if four is None:
             continue
-        for k in squares:
-            if geometry.landmark.contours[k].black == black[outer]:
+        angle = 180.0 - math.degrees(math.acos(max(-1.0, min(1.0, float(before[outer] @ after[outer])))))
+        for k in pairs:
+            low, high = CORNER_DEG[geometry.landmark.contours[k].shape]
+            if geometry.landmark.contours[k].black == black[outer] and low < angle < high:
                 matrix = homography(_drawn(geometry, k), four)
                 if matrix is not None and _bent(matrix) < MAX_BENT:
                     ends = [c.outline.px[c.number] for c in (corners[outer], corners[inner])]
@@ -91,15 +94,17 @@ def rings(of: list[Outline], view: View) -> list[Ring]:
     return found[:MAX_RINGS]
 
 
-def _nested_squares(geometry: LandmarkGeometry) -> list[int]:
-    """Contours that are squares, with a square in the middle of them as the next one."""
-    contours = geometry.landmark.contours
-    return [
-        k
-        for k in range(len(contours) - 1)
-        if contours[k].shape is contours[k + 1].shape is Shape.SQUARE
-        and float(np.abs(geometry.centroids[k] - geometry.centroids[k + 1]).max()) < CONCENTRIC * geometry.size_m
-    ]
+def _alike(geometry: LandmarkGeometry) -> list[int]:
+    """Contours that are followed by one of the same shape, heading and middle."""
+    found = []
+    for k in range(len(geometry.landmark.contours) - 1):
+        outer, inner = (geometry.corners[geometry.slices[j]] - geometry.centroids[j] for j in (k, k + 1))
+        apart = geometry.centroids[k] - geometry.centroids[k + 1]
+        if len(outer) == len(inner) and float(np.abs(apart).max()) < CONCENTRIC * geometry.size_m:
+            size = float(np.linalg.norm(inner[0]) / np.linalg.norm(outer[0]))
+            if float(np.abs(size * outer - inner).max()) < CONCENTRIC * geometry.size_m:
+                found.append(k)
+    return found
 
 
 def _merged(outline: Outline) -> Outline:
@@ -114,7 +119,7 @@ def _merged(outline: Outline) -> Outline:
 
 
 def _corners(of: list[Outline]) -> tuple[list[_Corner], Array, Array, Array, NDArray[np.bool_], Array]:
-    """Corners of about the angle of a square's, with the longest sides; (n, 2) where they are, at distance 1; (n, 2)
+    """Corners of about the angles that are drawn, with the longest sides; (n, 2) where they are, at distance 1; (n, 2)
     directions of the sides before and after them, clockwise about the colour that the corner holds; (n,) whether that
     is black; (n,) the shorter side, pixels.
     """
@@ -128,7 +133,7 @@ def _corners(of: list[Outline]) -> tuple[list[_Corner], Array, Array, Array, NDA
         long = np.sqrt((step * step).sum(axis=1))
         arm = np.minimum(long, np.roll(long, 1))
         bend, angle = turns_at(at)
-        good = (arm >= ARM_MIN_PX) & (angle > CORNER_DEG[0]) & (angle < CORNER_DEG[1]) & ~outline.border
+        good = (arm >= ARM_MIN_PX) & (angle > SHARPEST_DEG) & (angle < BLUNTEST_DEG) & ~outline.border
         # Where the contour turns the other way, the corner holds the other colour; clockwise is the other way round.
         flipped = bend <= 0
         before, after = np.roll(ahead, 1, axis=0), ahead
@@ -214,7 +219,7 @@ def _drawn(geometry: LandmarkGeometry, contour: int) -> Array:
         return [(corners[0], corners[0] - corners[-1]), (corners[0], corners[1] - corners[0])]
 
     found = _crossings(sides(contour), sides(contour + 1))
-    assert found is not None  # neighbouring sides of squares
+    assert found is not None  # neighbouring sides of one polygon
     return found
 
 
