@@ -44,9 +44,10 @@ FOLLOWED_SHARE = 0.8
 MORE_STEPS = 3
 STILL_MOVING_PX = 0.5
 """A last step that moved an edge further is followed by another."""
-UNSETTLED_PX = 0.8
-"""A fit whose last step still moved an edge so far goes to and fro between two wrong answers: of right ones none moves
-by more than 0.43."""
+UNSETTLED_PX, UNSETTLED_PART = 0.8, 0.0015
+"""A fit whose last step still moved an edge so far, and by this part of the outer side, goes to and fro between two
+wrong answers. Of right ones that are smaller than the image none moves by more than 0.43 pixels; with a lens that is
+not quite as its file says, large ones swing by a thousandth of their side."""
 RELIT_MIN_PX = 14.0
 RELIT_ROUNDS = 2
 """The shadow's edge is found again on the map that it led to."""
@@ -85,7 +86,7 @@ def confirm_large(rays_from_pad: Array, run: range, view: View, reach_px: tuple[
     if fit is None:
         return Rejection(Refusal.SIDES, "its sides don't hold the drawing")
     moved_px = fit.edges.step_px
-    if moved_px > UNSETTLED_PX:
+    if moved_px > max(UNSETTLED_PX, UNSETTLED_PART * fit.edges.side_px):
         return Rejection(Refusal.SIDES, f"its sides don't settle: the last step moved them by {moved_px:.1f} px")
     return judge_edges(fit, view)
 
@@ -235,7 +236,7 @@ def confirm_partial(start: Array, contour: int, view: View) -> Found | Rejection
 
 
 def confirm_ring(ring: Ring, view: View) -> Found | Rejection:
-    """Confirm a map that was made from a corner of the ring between two squares, and is rough away from it."""
+    """Confirm a map that was made from a corner of the ring between two contours, and is rough away from it."""
     geometry = view.geometry
     run = range(ring.contour, ring.contour + 2)
     fit = fit_edges(view.image, ring.rays_from_pad, geometry, view.lens, run, RING_REACHES_PX, view.origin, alone=True)

@@ -233,7 +233,7 @@ class Detector:
 
     # ------------------------------------------------------------------------------------------------------ one look
     def _look(self, view: View, prepared: Prepared, binary: Image, level: int, how: str, thorough: bool) -> Attempt:
-        """One binary image; thorough: by single sides too."""
+        """One binary image; thorough: by single sides and corners too."""
         config = self.config
         candidates: list[Candidate] = []
         tree = contour_tree(binary)
@@ -308,7 +308,7 @@ class Detector:
         self, view: View, coarse: int, first: int, levels: Iterable[int]
     ) -> Iterator[tuple[Prepared, int, int, bool]]:
         """What a frame that stands alone is looked at through: a region, a grey level or the window of a local
-        threshold, and whether single sides are worth their time.
+        threshold, and whether single sides and corners are worth their time.
         """
         everything, sigma_px = whole(view.image), self.config.blur_sigma_px
         prepared = prepare(view.image, everything, reduction=coarse, sigma_px=sigma_px)

@@ -16,7 +16,7 @@ from app.frames import Array
 from app.landmark import Landmark, Shape, gaps_m
 from app.vision.glance import Glance
 from app.vision.template import PATCH, PATCH_EXTENT, Rivals, Template, seen_blurred
-from app.vision.variants import Variant, drawings, gaps_to_points, outside
+from app.vision.variants import Variants, gaps_to_points, variants_of
 
 SAMPLES_PER_SIDE = 10
 SLANTED = 0.1
@@ -31,7 +31,7 @@ JUDGED_EXTENT = 1.12
 anything."""
 BLURS_PER_OCTAVE = 4.0
 RIVALS_KEPT = 6
-"""Blurs whose rivals are kept, oldest out first: each is 12 MB, and a flight runs through twenty of them."""
+"""Blurs whose rivals are kept, oldest out first: each is 3.5 to 8 MB, and a flight runs through twenty of them."""
 
 
 @cache
@@ -204,14 +204,8 @@ class LandmarkGeometry:
         return self.landmark.contours[0].area_m2 / (cell_m**2 * len(self.cells(None)))
 
     @cached_property
-    def _drawings(self) -> list[Variant]:
-        """See variants.drawings."""
-        return drawings(self.landmark)
-
-    @cached_property
-    def _variants(self) -> NDArray[np.float32]:
-        """(n, m, m) the landmark drawn, its variants, and what lies outside the quiet zone."""
-        return np.stack([*(v.white for v in self._drawings), outside(self.landmark)])
+    def _variants(self) -> Variants:
+        return variants_of(self.landmark)
 
     def template(self, sigma_cells: float) -> Template:
         """The drawing as seen with a blur (standard deviation) of that many cells, to the nearest of BLURS_PER_OCTAVE
@@ -220,8 +214,9 @@ class LandmarkGeometry:
         key = self._blur_key(sigma_cells)
         if key not in self._templates:
             sigma = self._sigma_cells(key)
-            white, outer = seen_blurred(self._variants[[0, -1]], sigma)
-            self._templates[key] = Template(white, outer, sigma)
+            variants = self._variants
+            white, outside = seen_blurred(np.stack([variants.white[0], variants.outside]), sigma)
+            self._templates[key] = Template(white, outside, sigma)
         return self._templates[key]
 
     @staticmethod
@@ -240,21 +235,21 @@ class LandmarkGeometry:
         else:
             own = self.template(sigma_cells)
             turns = self.landmark.contours[0].shape is Shape.SQUARE and bool(self.turns_visibly.any())
-            variants = self._drawings[1:]
+            variants = self._variants
             names = ["as drawn", *(f"turned by {90 * quarters} degrees" for quarters in (1, 2, 3))]
-            rest = [False] * len(variants)
+            rest = [False] * (len(variants.names) - 1)
             self._rivals[key] = Rivals(
-                [*names, *(v.name for v in variants)],
+                [*names, *variants.names[1:]],
                 [False, turns, turns, turns, *rest],
                 own,
                 np.concatenate(
                     [
                         [np.rot90(own.white, quarters) for quarters in (1, 2, 3)],
-                        seen_blurred(self._variants[1:-1], own.sigma_cells),
+                        seen_blurred(variants.white[1:], own.sigma_cells),
                     ]
                 ),
-                [0] * len(names) + [v.contour for v in variants],
-                [False] * len(names) + [v.reshaped for v in variants],
+                [0] * len(names) + variants.contour[1:],
+                [False] * len(names) + variants.reshaped[1:],
             )
             if len(self._rivals) > RIVALS_KEPT:
                 del self._rivals[next(iter(self._rivals))]

@@ -93,7 +93,7 @@ class Outline:
 
 
 def _outline(points: NDArray[np.int32], black: bool, prepared: Prepared, view: View) -> Outline | None:
-    """A contour's corners; None where the lens doesn't see all of it."""
+    """A contour's corners; None where there are less than three, or a part lies too far from the camera's axis."""
     thin = points[:: len(points) // MAX_POINTS + 1, 0]
     px = prepared.to_frame(thin.astype(np.float64))
     rays = view.lens.rays(px)
@@ -108,8 +108,7 @@ def _outline(points: NDArray[np.int32], black: bool, prepared: Prepared, view: V
     simple = np.asarray(cv2.approxPolyDP(plane.reshape(-1, 1, 2), tolerance, True), dtype=np.float32).reshape(-1, 2)
     if len(simple) < 3:
         return None
-    # approxPolyDP returns points of its input: their places tell the rays.
-    index = (_as_numbers(simple)[:, None] == _as_numbers(plane)).argmax(axis=1)
+    index = _places(simple, plane)
     height, width = prepared.smooth.shape
     at = thin[index]
     border = (at < BORDER_PX).any(axis=1) | (at[:, 0] > width - 1 - BORDER_PX) | (at[:, 1] > height - 1 - BORDER_PX)
@@ -119,6 +118,22 @@ def _outline(points: NDArray[np.int32], black: bool, prepared: Prepared, view: V
         ahead, index, border = ahead[::-1], len(ahead) - 1 - index[::-1], border[::-1]
         px = px[::-1]
     return Outline(ahead, index, px[index], border, black, prepared.reduction)
+
+
+def _places(corners: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.intp]:
+    """(k,) which of some points (m, 2) the corners (k, 2) are that approxPolyDP took from them, in their order. A
+    contour that runs to and fro along a thin line passes a pixel twice.
+    """
+    same = _as_numbers(corners)[:, None] == _as_numbers(points)
+    count, length = same.shape
+    first = int(same.sum(axis=1).argmin())
+    index = np.empty(count, dtype=np.intp)
+    at = int(same[first].argmax())
+    index[first] = at
+    for k in range(first + 1, first + count):
+        at = (at + 1 + int(np.roll(same[k % count], -at - 1).argmax())) % length
+        index[k % count] = at
+    return index
 
 
 def _as_numbers(points: NDArray[np.float32]) -> NDArray[np.complex64]:

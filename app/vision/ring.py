@@ -29,12 +29,13 @@ MAX_RINGS = 4
 MIN_WIDTH_PX = 3.0
 """Shortest way from corner to corner."""
 ALONG, INWARD = 0.93, 0.8
-"""Smallest cosines: between the sides of both squares, and of the way from corner to corner to the middle between the
-outer square's sides."""
+"""Smallest cosines: between the sides of both contours, and of the way from corner to corner to the middle between the
+outer one's sides."""
 END_PART = 10
 """This part of a side, at each end, lies in a corner's blur."""
-MAX_BENT = 0.6
-"""How far the pad's two axes may be from right angles and equal lengths."""
+MAX_BENT = 0.45
+"""How far the pad's two axes may be from right angles and equal lengths. Seen from above, a square's corner that is
+read as a triangle's is 0.5 off."""
 PARALLEL = 1e-6
 CONCENTRIC = 1e-6
 
@@ -85,8 +86,9 @@ def rings(of: list[Outline], view: View) -> list[Ring]:
         for k in pairs:
             low, high = CORNER_DEG[geometry.landmark.contours[k].shape]
             if geometry.landmark.contours[k].black == black[outer] and low < angle < high:
-                matrix = homography(_drawn(geometry, k), four)
-                if matrix is not None and _bent(matrix) < MAX_BENT:
+                drawn = _drawn(geometry, k)
+                matrix = homography(drawn, four)
+                if matrix is not None and _is_possible(matrix, drawn):
                     ends = [c.outline.px[c.number] for c in (corners[outer], corners[inner])]
                     found.append(Ring(k, matrix, np.stack(ends)))
         if len(found) >= MAX_RINGS:
@@ -150,7 +152,7 @@ def _corners(of: list[Outline]) -> tuple[list[_Corner], Array, Array, Array, NDA
 def _pairs(
     place: Array, before: Array, after: Array, black: NDArray[np.bool_], arm_px: Array, focal_px: float
 ) -> list[tuple[int, int]]:
-    """Corners that may be those of a square and of the next one in it, the longest sides first."""
+    """Corners that may be those of a contour and of the next one in it, the longest sides first."""
     way = place[None] - place[:, None]
     length = np.sqrt((way * way).sum(axis=2))
     middle = after - before
@@ -159,7 +161,7 @@ def _pairs(
     fits &= (before @ before.T > ALONG) & (after @ after.T > ALONG)
     fits &= np.einsum("ijx,ix->ij", way, middle) > INWARD * length
     outer, inner = np.nonzero(fits)
-    # Of corners that would do, the nearest is the next square's.
+    # Where two would do for one, the nearer comes first.
     order = np.lexsort((length[outer, inner], -np.minimum(arm_px[outer], arm_px[inner])))
     return list(zip(outer[order].tolist(), inner[order].tolist(), strict=True))
 
@@ -223,8 +225,12 @@ def _drawn(geometry: LandmarkGeometry, contour: int) -> Array:
     return found
 
 
-def _bent(matrix: Array) -> float:
-    """How far the two axes of a map are from right angles and equal lengths, as parts of their length."""
+def _is_possible(matrix: Array, drawn: Array) -> bool:
+    """Whether a map has all four points (4, 2) before the camera, the print's face to it, and its two axes at about
+    right angles and equally long.
+    """
+    if not ((drawn @ matrix[2, :2] + matrix[2, 2]) * matrix[2, 2] > 0.0).all() or float(np.linalg.det(matrix)) <= 0.0:
+        return False
     (g00, g01, _), (_, g11, _), _ = (matrix.T @ matrix).tolist()
     unit = 0.5 * (g00 + g11)
-    return max(abs(g01), 0.5 * abs(g00 - g11)) / unit if unit > 0.0 and math.isfinite(unit) else math.inf
+    return unit > 0.0 and math.isfinite(unit) and max(abs(g01), 0.5 * abs(g00 - g11)) < MAX_BENT * unit

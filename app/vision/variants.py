@@ -22,30 +22,32 @@ FINE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
-    """The landmark, or what it must not be taken for.
+class Variants:
+    """The landmark first, then what it must not be taken for.
 
     Attributes:
-        name: What is changed, for people.
+        names: What is changed, for people.
         contour: The outermost one that differs.
-        white: See _drawn.
         reshaped: Whether the innermost contour has another shape, and all else is as drawn.
+        white: (n, m, m) with FINE x FINE points a cell: 1 where white is printed.
+        outside: (m, m) 1 outside the quiet zone.
     """
 
-    name: str
-    contour: int
+    names: list[str]
+    contour: list[int]
+    reshaped: list[bool]
     white: NDArray[np.float32]
-    reshaped: bool = False
+    outside: NDArray[np.float32]
 
 
-def drawings(landmark: Landmark) -> list[Variant]:
-    """The landmark first, then its variants."""
+def variants_of(landmark: Landmark) -> Variants:
+    """Draw a landmark and its variants."""
     own = [(c.corners_m, c.black) for c in landmark.contours]
-    found = [Variant("as drawn", 0, _drawn(landmark, own))]
+    found = [("as drawn", 0, False, _drawn(landmark, own))]
     for k, contour in enumerate(landmark.contours):
         changes: list[tuple[str, Array]] = []
         if k > 0:
-            found.append(Variant(f"without {contour.name}", k, _drawn(landmark, own[:k])))
+            found.append((f"without {contour.name}", k, False, _drawn(landmark, own[:k])))
         if contour.shape is Shape.TRIANGLE:
             changes.append(("upside down", 2.0 * contour.centroid_m - contour.corners_m))
         if contour.shape is Shape.TRIANGLE or (k == 0 and len(own) > 1):
@@ -57,16 +59,17 @@ def drawings(landmark: Landmark) -> list[Variant]:
         changes += [*shapes, *(_other_places(contour) if innermost else ())]
         for name, corners in changes:
             changed = [*own[:k], (corners, contour.black), *own[k + 1 :]]
-            reshaped = any(name == shape for shape, _ in shapes)
-            found.append(Variant(f"with {contour.name} {name}", k, _drawn(landmark, changed), reshaped))
+            shaped = any(name == shape for shape, _ in shapes)
+            found.append((f"with {contour.name} {name}", k, shaped, _drawn(landmark, changed)))
     if len(own) > 2:
         for name, sign in (("clockwise", 1.0), ("counterclockwise", -1.0)):
             c, s = math.cos(sign * INSIDE_TURNED_RAD), math.sin(sign * INSIDE_TURNED_RAD)
             centre, turn = landmark.contours[2].centroid_m, np.array([[c, s], [-s, c]])
             inside = [(centre + (corners - centre) @ turn, black) for corners, black in own[2:]]
             text = f"with {landmark.contours[2].name} turned {name}"
-            found.append(Variant(text, 2, _drawn(landmark, own[:2] + inside)))
-    return found
+            found.append((text, 2, False, _drawn(landmark, own[:2] + inside)))
+    names, outermost, reshaped, white = zip(*found, strict=True)
+    return Variants(list(names), list(outermost), list(reshaped), np.stack(white), _outside(landmark))
 
 
 def _points(landmark: Landmark) -> Array:
@@ -78,8 +81,8 @@ def _points(landmark: Landmark) -> Array:
     return np.column_stack([forward.ravel(), right.ravel()])
 
 
-def outside(landmark: Landmark) -> NDArray[np.float32]:
-    """(n, n) with FINE x FINE points a cell: 1 outside the quiet zone."""
+def _outside(landmark: Landmark) -> NDArray[np.float32]:
+    """(m, m), see Variants."""
     found = np.abs(_points(landmark)).max(axis=1) > 0.5 * landmark.quiet_zone_m
     return np.asarray(found.reshape(FINE * PATCH, -1), dtype=np.float32)
 

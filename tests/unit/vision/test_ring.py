@@ -1,5 +1,6 @@
 """Landmarks of which a corner of the ring shows: hypotheses from its four lines come within reach of the edges."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,3 +103,18 @@ def test_landmark_cut_by_the_images_corner_is_found(
     found = detector.detect(Frame(0.0, 0, scene.draw(view, lens=scene.pinhole)), still=True)
     assert found.detected
     assert maps.rms_px(found.plane.rays_from_pad, view, scene.pinhole) < 0.3
+
+
+def test_corners_follow_each_other_round_a_contour_with_a_blade_of_grass(maps, scene):
+    """The contour runs up one side of the blade and down the other: it passes each of its pixels twice."""
+    black = np.zeros((480, 640), np.uint8)
+    black[200:280, 300:380] = 255
+    black[212:268, 312:368] = 0
+    cv2.line(black, (340, 199), (352, 120), 255, 1)
+    look = maps.look_at(255 - black, scene.pinhole)
+    (outer, *_) = outlines(contour_tree(black), prepare(look.image, whole(look.image)), look)
+    ahead = np.diff(outer.index, append=outer.index[0] + len(outer.points)) % len(outer.points)
+    assert (ahead > 0).all()
+    assert ahead.sum() == len(outer.points)
+    expected = [[300, 200], [380, 200], [380, 280], [300, 280]]  # edges of its pixels; contours run half a pixel in
+    assert np.linalg.norm(outer.px[:, None] - expected, axis=2).min(axis=0).max() < 3.0
