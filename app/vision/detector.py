@@ -37,7 +37,7 @@ from app.vision.candidates import (
     examine,
     follow_large,
 )
-from app.vision.contours import contour_tree, nests
+from app.vision.contours import Tree, contour_tree, nests
 from app.vision.fit import project_pad
 from app.vision.geometry import LandmarkGeometry
 from app.vision.partial import outlines, readings, sides
@@ -242,27 +242,28 @@ class Detector:
             candidates += looked_at
             if found is not None and found.side_px >= config.min_side_px:
                 return Attempt(how, prepared.region, level, binary, tuple(candidates), found)
-        if self.geometry.landmark.contours[0].shape is Shape.SQUARE:
-            for maps, box in blobs(tree, prepared, view):
-                result = self._large_enough(confirm(maps, range(2), view))
-                refused = result if isinstance(result, Rejection) else None
-                candidates.append(Candidate((box,), "small", refused))
-                if isinstance(result, Found):
-                    return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
-        seen = outlines(tree, prepared, view) if thorough else []
-        for side in sides(seen):
-            for k, start in readings(side, self.geometry):
-                result = self._large_enough(confirm_partial(start, k, view))
-                refused = result if isinstance(result, Rejection) else None
-                candidates.append(Candidate((side.outline_px,), "side", refused))
-                if isinstance(result, Found):
-                    return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
-        for ring in rings(seen, view):
-            result = self._large_enough(confirm_ring(ring, view))
-            candidates.append(Candidate((ring.outline_px,), "ring", result if isinstance(result, Rejection) else None))
+        for word, outline_px, way in self._hypotheses(tree, prepared, view, thorough):
+            result = self._large_enough(way())
+            candidates.append(Candidate((outline_px,), word, result if isinstance(result, Rejection) else None))
             if isinstance(result, Found):
                 return Attempt(how, prepared.region, level, binary, tuple(candidates), result)
         return Attempt(how, prepared.region, level, binary, tuple(candidates), None)
+
+    def _hypotheses(
+        self, tree: Tree, prepared: Prepared, view: View, thorough: bool
+    ) -> Iterator[tuple[str, Array, Callable[[], Found | Rejection]]]:
+        """What a binary image may show beside nests: what it was made from, in a word; where; and how to confirm it."""
+        if self.geometry.landmark.contours[0].shape is Shape.SQUARE:
+            for maps, box in blobs(tree, prepared, view):
+                yield "small", box, partial(confirm, maps, range(2), view)
+        if not thorough:
+            return
+        seen = outlines(tree, prepared, view)
+        for side in sides(seen):
+            for k, start in readings(side, self.geometry):
+                yield "side", side.outline_px, partial(confirm_partial, start, k, view)
+        for ring in rings(seen, view):
+            yield "ring", ring.outline_px, partial(confirm_ring, ring, view)
 
     def _large_enough(self, found: Found | Rejection) -> Found | Rejection:
         """What was found, unless its outer side is shorter than it may be."""
