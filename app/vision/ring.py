@@ -72,28 +72,33 @@ class Ring:
 
 def rings(of: list[Outline], view: View) -> list[Ring]:
     """Hypotheses from some contours, those with the longest pieces of sides first."""
-    geometry = view.geometry
+    geometry, contours = view.geometry, view.geometry.landmark.contours
     pairs = _alike(geometry)
     if not pairs or not of:
         return []
     corners, place, before, after, black, arm_px = _corners(of)
     found: list[Ring] = []
     for outer, inner in _pairs(place, before, after, black, arm_px, view.lens.focal_px):
-        four = _crossings(_lines(corners[outer], view), _lines(corners[inner], view))
+        angle = 180.0 - math.degrees(math.acos(max(-1.0, min(1.0, float(before[outer] @ after[outer])))))
+        kinds = [k for k in pairs if contours[k].black == black[outer] and _is_drawn(angle, contours[k].shape)]
+        four = _crossings(_lines(corners[outer], view), _lines(corners[inner], view)) if kinds else None
         if four is None:
             continue
-        angle = 180.0 - math.degrees(math.acos(max(-1.0, min(1.0, float(before[outer] @ after[outer])))))
-        for k in pairs:
-            low, high = CORNER_DEG[geometry.landmark.contours[k].shape]
-            if geometry.landmark.contours[k].black == black[outer] and low < angle < high:
-                drawn = _drawn(geometry, k)
-                matrix = homography(drawn, four)
-                if matrix is not None and _is_possible(matrix, drawn):
-                    ends = [c.outline.px[c.number] for c in (corners[outer], corners[inner])]
-                    found.append(Ring(k, matrix, np.stack(ends)))
+        for k in kinds:
+            drawn = _drawn(geometry, k)
+            matrix = homography(drawn, four)
+            if matrix is not None and _is_possible(matrix, drawn):
+                ends = [c.outline.px[c.number] for c in (corners[outer], corners[inner])]
+                found.append(Ring(k, matrix, np.stack(ends)))
         if len(found) >= MAX_RINGS:
             break
     return found[:MAX_RINGS]
+
+
+def _is_drawn(angle_deg: float, shape: Shape) -> bool:
+    """Whether a corner of that angle may be one of a shape's."""
+    low, high = CORNER_DEG[shape]
+    return low < angle_deg < high
 
 
 def _alike(geometry: LandmarkGeometry) -> list[int]:
