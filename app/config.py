@@ -233,6 +233,13 @@ class MissionConfig(Section):
     search_timeout_s: float = Field(
         default=180.0, gt=0, le=3600, description="of one pass of the pattern, which takes 140 s with its defaults"
     )
+    search_along_s: float = Field(
+        default=15.0,
+        ge=0,
+        le=600,
+        description="a pad that drove when it was lost is taken to drive on for so long; then the search turns back "
+        "along its way to where it was last seen",
+    )
     search_passes: int = Field(
         default=3, ge=1, le=10, description="times that the pattern is flown, each lower than the one before"
     )

@@ -23,7 +23,7 @@ from app.messages import (
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
 from app.mission.precland import begin_precland, run_precland
 from app.mission.rounds import go_round, lost
-from app.mission.search import search_lower
+from app.mission.search import search_lower, turn_back
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
 from app.mission.transitions import ask, enter_search, go, guidance_of, leave_to_px4, numbered
 
@@ -99,6 +99,9 @@ def _search(
         )
     if now_s - state.since_s > config.search_timeout_s:
         return search_lower(state, inputs, now_s, config)
+    back = turn_back(state, inputs, now_s, config)
+    if back is not None:
+        return back
     guidance = guidance_of(state, inputs)
     if state.goal.kind is GoalKind.STAY:
         home = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])

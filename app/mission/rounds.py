@@ -19,7 +19,7 @@ ANCHOR_AHEAD_MAX_S = 4.0
 
 
 DRIVES_M_S = 1.0
-"""A pad at this speed is expected to drive on, and the search goes along with it."""
+"""A pad at this speed is expected to drive on, and the search goes along with it for `search_along_s`."""
 
 
 def out_of_reach(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
@@ -66,6 +66,7 @@ def go_round(
         severity=Severity.WARNING,
         tries=state.tries + 1,
         ground_known=state.ground_known or track is not None,
+        left_behind_s=track.t_last_fix_s if track is not None and any(drift) else None,
     )
     if state.phase is not Phase.PRECLAND:
         return climb

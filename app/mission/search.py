@@ -1,4 +1,10 @@
-"""What is done when the search pattern has been flown out and the pad was not found: the same, lower. Pure.
+"""What is done when the pad is not where a search looks for it. Pure.
+
+A pad that drove when it was lost is looked for where it would be if it drove on. If it isn't there it has stopped, or
+turned off: the search turns back along its way, over every place where it can have stopped, to where it was last seen.
+Else it would go on with a pad that stands far behind for as long as a pattern takes.
+
+When the pattern has been flown out, the same is flown lower.
 
 From lower down the pad is larger in the image: one that half a shadow covers needs more pixels than it has from the
 search height. Height, spacing and radius shrink alike, so each pass sees its ground under the same angles as the one
@@ -8,6 +14,8 @@ before, takes less time, and looks nearer to the anchor, where the pad is likeli
 from __future__ import annotations
 
 from dataclasses import replace
+
+import numpy as np
 
 from app.config import MissionConfig
 from app.messages import GoalKind, OperatorText
@@ -38,3 +46,17 @@ def search_lower(state: MissionState, inputs: MissionInputs, now_s: float, confi
     searching = replace(state, goal=lower, since_s=now_s, search_passes=passes)
     text = OperatorText(f"{state.phase.value}: {Reason.SEARCHES_LOWER.value}, at {height_m:.1f} m")
     return Transition(searching, Reason.SEARCHES_LOWER, texts=(text,))
+
+
+def turn_back(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
+    """A whole search at rest, that begins with the way back to where the pad was last seen; None if it isn't time."""
+    goal, seen_s, guidance = state.goal, state.left_behind_s, guidance_of(state, inputs)
+    if goal.kind is not GoalKind.SEARCH or seen_s is None or guidance is None or guidance.anchor_ned_m is None:
+        return None
+    if now_s - seen_s < config.search_along_s:
+        return None
+    north_m_s, east_m_s = goal.drift_ne_m_s
+    anchor = guidance.anchor_ned_m - (now_s - seen_s) * np.array([north_m_s, east_m_s, 0.0])
+    back = numbered(state, GoalKind.SEARCH, goal.height_m, anchor)
+    text = OperatorText(f"{state.phase.value}: {Reason.TURNS_BACK.value}")
+    return Transition(replace(state, goal=back, since_s=now_s, left_behind_s=None), Reason.TURNS_BACK, texts=(text,))

@@ -34,6 +34,7 @@ class Reason(StrEnum):
     PAD_LOST = "pad lost"
     PAD_NOT_FOUND = "pad not found"
     SEARCHES_LOWER = "not found, searching lower"
+    TURNS_BACK = "not found ahead, turning back"
     PAD_MOVES = "pad moves"
     PAD_TOO_FAST = "the pad drives away too fast"
     PAD_MISSED = "missed the pad, going round"
@@ -83,6 +84,7 @@ class MissionState:
         ground_known: Where the ground is was seen: by standing on it, or by the pad on it. A mission that began in the
             air only assumes it.
         search_passes: How often the search pattern has been flown out in this search.
+        left_behind_s: When the pad was last seen whose last velocity this search goes along with; None if with none.
         pending: The action whose answer is awaited.
         asked: The action that was last asked for in this phase.
         asked_s: When it was asked for.
@@ -105,6 +107,7 @@ class MissionState:
     home_ned_m: Array | None = None
     ground_known: bool = False
     search_passes: int = 0
+    left_behind_s: float | None = None
     pending: AutopilotAction | None = None
     asked: AutopilotAction | None = None
     asked_s: float = 0.0

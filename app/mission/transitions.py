@@ -62,6 +62,7 @@ def go(
         home_ned_m=None if phase in (Phase.IDLE, Phase.LANDED) else state.home_ned_m,
         ground_known=phase not in (Phase.IDLE, Phase.LANDED) and state.ground_known,
         search_passes=0,
+        left_behind_s=None,
         pending=None,
         asked=None,
         accepted=None,

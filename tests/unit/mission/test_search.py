@@ -116,3 +116,53 @@ def test_mission_that_is_over_leaves_no_known_ground_behind(make: Any):
     result = flown_out(make, searching(make), search_passes=1, failure_action="hold")
     pilot = step(result.state, make.inputs(result.state, vehicle=make.vehicle(armed=False)), 201.0, make.config)
     assert (pilot.state.phase, pilot.state.ground_known) == (P.IDLE, False)
+
+
+# ------------------------------------------------------------------------------------ a pad that drove when it was lost
+def along(make: Any, seen_s: float = 97.0) -> MissionState:
+    """Lost at 100 s while it drove north at 2 m/s; the climb is done, and the search goes along with it."""
+    track = make.track(t_capture_s=seen_s, t_last_fix_s=seen_s, vel_ned_m_s=np.array([2.0, 0.0, 0.0]))
+    state = make.state(P.LAND, ground_known=True)
+    climbing = step(state, make.inputs(state, track=track, track_usable=False), 100.0, make.config).state
+    word = make.settled(climbing, 102.0, climbed=True)
+    return step(
+        climbing, make.inputs(climbing, track=track, track_usable=False, guidance=word), 102.0, make.config
+    ).state
+
+
+def test_search_turns_back_to_where_a_pad_was_last_seen_that_is_not_where_it_would_be_if_it_drove_on(make: Any):
+    """97 s + 15 s: PX4's frame has jumped 5 m east meanwhile, and the controller's word of the anchor with it."""
+    state, config = along(make), MissionConfig(search_along_s=15.0)
+    assert (state.goal.kind, state.goal.drift_ne_m_s) == (GoalKind.SEARCH, (2.0, 0.0))
+    early = step(state, make.inputs(state, guidance=make.settled(state, 111.9)), 111.9, config)
+    assert (early.reason, early.state.goal) == (None, state.goal)
+    anchor = np.array([1.0 + 15.0 * 2.0, 7.0, 0.0])
+    word = make.settled(state, 112.0, anchor_ned_m=anchor)
+    back = step(state, make.inputs(state, guidance=word), 112.0, config)
+    assert (back.state.phase, back.reason) == (P.SEARCH, Reason.TURNS_BACK)
+    assert [text.text for text in back.texts] == ["search: not found ahead, turning back"]
+    goal = back.state.goal
+    assert (goal.kind, goal.drift_ne_m_s, goal.pattern_scale) == (GoalKind.SEARCH, (0.0, 0.0), 1.0)
+    assert (goal.height_m, goal.number) == (state.goal.height_m, state.goal.number + 1)
+    np.testing.assert_allclose(goal.anchor_ned_m, [1.0, 7.0, 0.0])
+
+
+def test_search_turns_back_once_and_has_its_whole_time_then(make: Any):
+    state = along(make)
+    word = make.settled(state, 120.0, anchor_ned_m=np.array([47.0, 2.0, 0.0]))
+    back = step(state, make.inputs(state, guidance=word), 120.0, make.config).state
+    word = make.settled(back, 270.0, anchor_ned_m=back.goal.anchor_ned_m)
+    later = step(back, make.inputs(back, guidance=word), 270.0, make.config)
+    assert (later.reason, later.state.goal) == (None, back.goal)
+
+
+def test_search_along_the_way_that_the_phone_gave_does_not_turn_back(make: Any):
+    """Nobody has seen where it began."""
+    state = searching(make, goal=Goal(GoalKind.SEARCH, 5.0, ANCHOR, 7, (3.0, 0.0)))
+    word = make.settled(state, 200.0, anchor_ned_m=ANCHOR)
+    assert step(state, make.inputs(state, guidance=word), 200.0, make.config).reason is None
+
+
+def test_pad_that_is_found_and_lost_again_is_gone_along_with_from_then_on(make: Any):
+    found = step(along(make), make.inputs(along(make), track=make.track(), track_usable=True), 105.0, make.config).state
+    assert (found.phase, found.left_behind_s) == (P.HOVER, None)
