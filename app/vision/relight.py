@@ -97,8 +97,10 @@ def _first_line(grey: Array, white: Array, counts: NDArray[np.bool_]) -> tuple[f
     angles, order, place = _directions()
     chosen = counts[order]
     order, place = order[chosen].reshape(ANGLES, -1), place[chosen].reshape(ANGLES, -1)
-    terms = np.stack([np.ones_like(grey), white, white * white, grey, grey * white, grey * grey])
-    before = np.cumsum(terms[:, order], axis=2)
+    terms = np.stack([white, white * white, grey, grey * white, grey * grey])
+    before = np.empty((6, *order.shape))
+    before[0] = np.arange(1, order.shape[1] + 1)
+    np.cumsum(terms[:, order], axis=2, out=before[1:])
     whole = before[:, :, -1:]
     cut = slice(FEWEST_CELLS - 1, order.shape[1] - FEWEST_CELLS)
     left = _left(before[:, :, cut]) + _left(whole - before[:, :, cut])

@@ -16,7 +16,7 @@ from app.frames import Array
 from app.landmark import Shape
 from app.vision.fit import homography
 from app.vision.geometry import LandmarkGeometry
-from app.vision.partial import Outline, turns_at
+from app.vision.partial import Outline, following, preceding, turns_at
 from app.vision.patch import View
 
 ARM_MIN_PX = 8.0
@@ -116,10 +116,10 @@ def _alike(geometry: LandmarkGeometry) -> list[int]:
 
 def _merged(outline: Outline) -> Outline:
     """A contour without the second of two corners that lie close together: a rounded one may be seen as two."""
-    step = np.roll(outline.px, -1, axis=0) - outline.px
+    step = following(outline.px) - outline.px
     near = np.hypot(step[:, 0], step[:, 1]) < MERGED_PX * outline.reduction
-    near &= ~outline.border & ~np.roll(outline.border, -1)
-    kept = ~np.roll(near, 1)
+    near &= ~outline.border & ~following(outline.border)
+    kept = ~preceding(near)
     if kept.all() or np.count_nonzero(kept) < 3:
         return outline
     return replace(outline, index=outline.index[kept], px=outline.px[kept], border=outline.border[kept])
@@ -134,16 +134,16 @@ def _corners(of: list[Outline]) -> tuple[list[_Corner], Array, Array, Array, NDA
     parts: list[tuple[Array, Array, Array, NDArray[np.bool_], Array]] = []
     for outline in map(_merged, of):
         at = outline.corners
-        ahead = np.roll(at, -1, axis=0) - at
+        ahead = following(at) - at
         ahead = ahead / np.maximum(np.sqrt((ahead * ahead).sum(axis=1, keepdims=True)), 1e-12)
-        step = np.roll(outline.px, -1, axis=0) - outline.px
+        step = following(outline.px) - outline.px
         long = np.sqrt((step * step).sum(axis=1))
-        arm = np.minimum(long, np.roll(long, 1))
+        arm = np.minimum(long, preceding(long))
         bend, angle = turns_at(at)
         good = (arm >= ARM_MIN_PX) & (angle > SHARPEST_DEG) & (angle < BLUNTEST_DEG) & ~outline.border
         # Where the contour turns the other way, the corner holds the other colour; clockwise is the other way round.
         flipped = bend <= 0
-        before, after = np.roll(ahead, 1, axis=0), ahead
+        before, after = preceding(ahead), ahead
         first = np.where(flipped[:, None], -after, before)
         second = np.where(flipped[:, None], -before, after)
         corners += [_Corner(outline, int(k), bool(flipped[k])) for k in np.flatnonzero(good)]
