@@ -563,6 +563,8 @@ class Goal:
             drives.
         pattern_scale: The search pattern's size over the configured one: smaller for a search from lower down.
         number: Counts up with each new goal: a changed number restarts search pattern and descent.
+        frame_s: Capture time of the vehicle state in whose local frame the anchor stands; jumps of the frame after it
+            are added. None: it stands in the present one.
     """
 
     kind: GoalKind = GoalKind.NONE
@@ -571,6 +573,7 @@ class Goal:
     number: int = 0
     drift_ne_m_s: tuple[float, float] = (0.0, 0.0)
     pattern_scale: float = 1.0
+    frame_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -590,6 +593,7 @@ class GuidanceStatus:
         search_finished: The whole search pattern has been flown.
         anchor_ned_m: (3,) the anchor of a SEARCH or CLIMB goal as it stands now: it has drifted, and jumped along with
             PX4's local frame; None with another goal.
+        frame_s: Capture time of the vehicle state in whose local frame that anchor stands.
         climbed: The height of a CLIMB goal has been reached.
         pad_too_fast_m_s: Speed of a pad that drives away faster than the vehicle may fly; None while it can follow.
     """
@@ -605,6 +609,7 @@ class GuidanceStatus:
     contact_held_s: float = 0.0
     search_finished: bool = False
     anchor_ned_m: Array | None = None
+    frame_s: float | None = None
     climbed: bool = False
     pad_too_fast_m_s: float | None = None
 

@@ -12,44 +12,41 @@ from dataclasses import replace
 import numpy as np
 
 from app.frames import Array
+from app.local_frame import FrameJumps
 from app.messages import PadTrack, VehicleState
 
 
 class PadMemory:
-    """Remembers the last usable track, and the last jump of PX4's local frame."""
+    """Remembers the last usable track, and the jumps of PX4's local frame."""
 
     def __init__(self) -> None:
-        self._vehicle: VehicleState | None = None
+        self._jumps = FrameJumps()
         self._last: PadTrack | None = None
-        self._jump_ned_m = np.zeros(3)
-        self._jumped_s = -np.inf
 
     def forget(self) -> None:
         """Nothing is committed any more."""
-        self._vehicle, self._last = None, None
+        self._jumps, self._last = FrameJumps(), None
 
     def see(self, vehicle: VehicleState) -> Array:
         """(3,) how far PX4's local frame jumped since the vehicle state before; zeros as a rule."""
-        before, self._vehicle = self._vehicle, vehicle
-        if before is None or vehicle.frame_resets == before.frame_resets:
-            return np.zeros(3)
-        dt_s = vehicle.t_capture_s - before.t_capture_s
-        self._jump_ned_m = vehicle.pos_ned_m - (before.pos_ned_m + dt_s * before.vel_ned_m_s)
-        self._jumped_s = vehicle.t_capture_s
-        if self._last is not None:
-            self._last = replace(self._last, pos_ned_m=self._last.pos_ned_m + self._jump_ned_m)
-        return self._jump_ned_m
+        before = self._jumps.vehicle
+        self._jumps = self._jumps.see(vehicle)
+        return np.zeros(3) if before is None else self._jumps.since(before.t_capture_s)
+
+    def jumped_since(self, t_s: float) -> Array:
+        """(3,) what to add to a place in the frame of that time to have it in the present one."""
+        return self._jumps.since(t_s)
 
     def pad(self, track: PadTrack | None, now_s: float, stale_s: float, *, committed: bool) -> PadTrack | None:
         """The pad at `now_s`: by the newest track if its last fix is at most `stale_s` old, or by the last one that was
         if a landing is committed; else None.
         """
         if track is not None and now_s - track.t_last_fix_s <= stale_s:
-            if track.t_last_fix_s < self._jumped_s:
-                track = replace(track, pos_ned_m=track.pos_ned_m + self._jump_ned_m)
             self._last = track
-            return track.at(now_s)
-        return self._last.at(now_s) if committed and self._last is not None else None
+        elif not committed or self._last is None:
+            return None
+        last = self._last
+        return replace(last, pos_ned_m=last.pos_ned_m + self._jumps.since(last.t_last_fix_s)).at(now_s)
 
 
 def is_finite(track: PadTrack) -> bool:

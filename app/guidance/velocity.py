@@ -103,6 +103,7 @@ class VelocityController:
             return None, GuidanceStatus(now_s, goal.number)
         track = track if track is not None and is_finite(track) else None
         self._follow_frame(vehicle)
+        frame_s = vehicle.t_capture_s
         vehicle = replace(vehicle, pos_ned_m=vehicle.pos_ned_m + (now_s - vehicle.t_capture_s) * vehicle.vel_ned_m_s)
         if now_s - self._last_s > GAP_MAX_S:
             self._velocity, self._yaw_rad, self._contact = None, None, Contact()
@@ -125,7 +126,7 @@ class VelocityController:
             self._contact = step_contact(self._contact, sink, relative.relative_sink_m_s, now_s)
         else:
             self._contact = Contact()
-        return setpoint, self._status(goal, relative, vehicle, now_s)
+        return setpoint, replace(self._status(goal, relative, vehicle, now_s), frame_s=frame_s)
 
     # ------------------------------------------------------------------------------------------------ memory
     def forget(self) -> None:
@@ -142,6 +143,8 @@ class VelocityController:
         self._descent, self._contact = Descent(), Contact()
         self._hold_height_down_m = float(vehicle.pos_ned_m[2])
         self._anchor_ned_m = np.array(goal.anchor_ned_m, dtype=np.float64)
+        if goal.frame_s is not None:
+            self._anchor_ned_m += self._pads.jumped_since(goal.frame_s)
         self._search = None
         if goal.kind is GoalKind.SEARCH:
             corners = expanding_square_m(self._guidance.search_spacing_m, self._guidance.search_radius_m)
@@ -197,7 +200,7 @@ class VelocityController:
         elif goal.kind is GoalKind.CLIMB:
             drift = limit_norm(np.array(goal.drift_ne_m_s), self._guidance.speed_max_m_s)
             wanted[:2] = drift if drift.any() else self._coast(track, now_s)
-            wanted[2] = self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle)
+            wanted[2] = min(0.0, self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle))
         elif goal.kind in OVER_THE_PAD:
             if relative is None:  # lost: hold the height; the mission decides what comes next
                 if self._followed:  # an emergency: speeding up towards the pad ends at once, jerk or not

@@ -20,7 +20,7 @@ from app.messages import (
     Severity,
 )
 from app.mission.states import ACTIVE, HANDED_OVER, NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import enter_search, go, guidance_of, numbered
+from app.mission.transitions import anchor_of, enter_search, go, guidance_of, mode_of, numbered
 
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.5, 50.0
 """Heights that the phone may ask for: those that the configuration may hold (mission.track_height_m)."""
@@ -123,8 +123,10 @@ def _change_aim(
     taken = replace(state, command=command)
     height_m = command.height_m or config.track_height_m
     if state.phase is Phase.PRECLAND and command.action is not OperatorAction.LAND and inputs.vehicle is not None:
-        changed = enter_search(taken, inputs.vehicle, Reason.COMMANDED, now_s)  # PX4 flies: offboard comes first
-        return replace(changed, answers=(*cancelled, *changed.answers))
+        changed = enter_search(taken, inputs.vehicle, Reason.COMMANDED, now_s)
+        # PX4 flies, or is about to: offboard comes first.
+        searching = replace(changed.state, entry_mode=mode_of(state))
+        return replace(changed, state=searching, answers=(*cancelled, *changed.answers))
     if state.phase in (Phase.LAND, Phase.TRACK) and command.action is not OperatorAction.LAND:
         kind, phase = (
             (GoalKind.TRACK, Phase.TRACK) if command.action is OperatorAction.TRACK else (GoalKind.HOVER, Phase.HOVER)
@@ -136,4 +138,8 @@ def _change_aim(
     answers = (*cancelled, CommandAnswer(command.number, CommandResult.IN_PROGRESS, 5))
     words = f"{state.phase.value}: on to {command.action.name.lower()}"
     since = replace(taken, since_s=now_s) if state.phase in (Phase.TRACK, Phase.HOVER) else taken
+    if command.pad_drives_ne_m_s is not None and state.goal.kind in (GoalKind.SEARCH, GoalKind.CLIMB):
+        goal = state.goal
+        along = numbered(state, goal.kind, goal.height_m, anchor_of(state, inputs), command.pad_drives_ne_m_s)
+        since = replace(since, goal=replace(along, pattern_scale=goal.pattern_scale), since_s=now_s, left_behind_s=None)
     return Transition(since, answers=answers, texts=(OperatorText(words[:50]),))

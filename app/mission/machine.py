@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from app.config import MissionConfig
 from app.mission.commands import refuse_beginning, take_command
 from app.mission.guards import end_of_flight, pilot, safety, take_results
@@ -25,6 +27,30 @@ def step(state: MissionState, inputs: MissionInputs, now_s: float, config: Missi
         now_s: The time.
         config: [mission].
     """
+    state = _follow_frame(state, inputs)
+    decided = _decide(state, inputs, now_s, config)
+    goal = decided.state.goal
+    if goal.number == state.goal.number or inputs.vehicle is None:
+        return decided
+    stamped = replace(goal, frame_s=inputs.vehicle.t_capture_s)
+    return replace(decided, state=replace(decided.state, goal=stamped))
+
+
+def _follow_frame(state: MissionState, inputs: MissionInputs) -> MissionState:
+    """Carry home and the goal's anchor over a jump of PX4's local frame."""
+    vehicle, before = inputs.vehicle, state.jumps.vehicle
+    if vehicle is None:
+        return state
+    state = replace(state, jumps=state.jumps.see(vehicle))
+    if before is None or vehicle.frame_resets == before.frame_resets:
+        return state
+    jump_m = state.jumps.since(before.t_capture_s)
+    goal = replace(state.goal, anchor_ned_m=state.goal.anchor_ned_m + jump_m, frame_s=vehicle.t_capture_s)
+    home = None if state.home_ned_m is None else np.array(state.home_ned_m + jump_m)
+    return replace(state, goal=goal, home_ned_m=home)
+
+
+def _decide(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
     state = take_results(state, inputs, now_s)
     ended = end_of_flight(state, inputs, now_s) or pilot(state, inputs, now_s)
     if ended is not None:

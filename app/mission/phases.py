@@ -25,7 +25,7 @@ from app.mission.precland import begin_precland, run_precland
 from app.mission.rounds import go_round, lost
 from app.mission.search import search_lower, turn_back
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import ask, enter_search, go, guidance_of, leave_to_px4, numbered
+from app.mission.transitions import anchor_of, ask, enter_search, go, guidance_of, leave_to_px4, numbered
 
 SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
@@ -111,11 +111,8 @@ def _search(
         goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor, drift)
         return Transition(replace(state, goal=goal))
     if state.goal.kind is GoalKind.CLIMB and guidance is not None and guidance.climbed:
-        climb, track = state.goal, inputs.track
-        anchor = np.array(climb.anchor_ned_m)
-        if track is not None and any(climb.drift_ne_m_s):  # it went on while the vehicle climbed
-            anchor[:2] = track.at(now_s).pos_ned_m[:2]
-        goal = numbered(state, GoalKind.SEARCH, config.search_height_m, anchor, climb.drift_ne_m_s)
+        climb = state.goal
+        goal = numbered(state, GoalKind.SEARCH, climb.height_m, anchor_of(state, inputs), climb.drift_ne_m_s)
         return Transition(replace(state, goal=goal))
     if guidance is not None and guidance.search_finished:
         return search_lower(state, inputs, now_s, config)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from app.config import MissionConfig
-from app.messages import FlightMode, GoalKind, Phase, Severity
+from app.messages import GoalKind, Phase, Severity
 from app.mission.states import MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import fail, go, guidance_of, numbered
+from app.mission.transitions import fail, go, guidance_of, mode_of, numbered
 
 LOST_AFTER_S = 2.0
 """Guidance closes in no more after half a second and coasts along; a pad unseen for so long is searched for anew."""
@@ -42,10 +42,14 @@ def lost(state: MissionState, inputs: MissionInputs, now_s: float, config: Missi
 def go_round(
     state: MissionState, inputs: MissionInputs, reason: Reason, now_s: float, config: MissionConfig
 ) -> Transition:
-    """Climb to the search height over where the pad is expected, and search again; a limited number of times."""
+    """Climb to the search height over where the pad is expected, and search again; a limited number of times. One that
+    flies higher than that already searches from there.
+    """
     if state.tries + 1 >= config.landing_tries:
         return fail(state, Reason.TRIES_USED_UP, now_s, config, f"{Reason.TRIES_USED_UP.value}: {reason.value}")
     vehicle, track = inputs.vehicle, inputs.track
+    if track is not None:
+        track = replace(track, pos_ned_m=track.pos_ned_m + state.jumps.since(track.t_last_fix_s))
     anchor = np.zeros(3) if vehicle is None else np.array(vehicle.pos_ned_m)
     drift = (0.0, 0.0)
     if track is not None:
@@ -56,7 +60,10 @@ def go_round(
             drift = (north, east)
     if state.home_ned_m is not None and track is None:
         anchor[2] = state.home_ned_m[2]
-    goal = numbered(state, GoalKind.CLIMB, config.search_height_m, anchor, drift)
+    height_m = config.search_height_m
+    if vehicle is not None:  # over trees, the phone may have had it track from higher up
+        height_m = max(height_m, float(anchor[2] - vehicle.pos_ned_m[2]))
+    goal = numbered(state, GoalKind.CLIMB, height_m, anchor, drift)
     climb = go(
         state,
         Phase.SEARCH,
@@ -70,5 +77,5 @@ def go_round(
     )
     if state.phase is not Phase.PRECLAND:
         return climb
-    mode = FlightMode.PRECLAND if state.handed_over else FlightMode.OFFBOARD  # PX4 flies: offboard comes first
-    return replace(climb, state=replace(climb.state, offboard_seen=False, entry_mode=mode))
+    # PX4 flies, or is about to: offboard comes first.
+    return replace(climb, state=replace(climb.state, offboard_seen=False, entry_mode=mode_of(state)))

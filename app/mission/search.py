@@ -20,7 +20,7 @@ import numpy as np
 from app.config import MissionConfig
 from app.messages import GoalKind, OperatorText
 from app.mission.states import MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import fail, guidance_of, numbered
+from app.mission.transitions import anchor_of, fail, guidance_of, numbered
 
 WORTH_SHARE = 0.9
 """A pass that is not lower than this share of the last one's height shows the pad no larger to speak of."""
@@ -31,16 +31,15 @@ def search_lower(state: MissionState, inputs: MissionInputs, now_s: float, confi
 
     There is none over ground whose height is only assumed, and none lower than `search_height_min_m` over the anchor.
     """
+    if state.left_behind_s is not None:
+        return _back(state, inputs, state.left_behind_s, now_s)
     goal, passes = state.goal, state.search_passes + 1
     height_m = max(config.search_height_min_m, config.search_lower_share * goal.height_m)
     worth = height_m <= WORTH_SHARE * goal.height_m
     if goal.kind is not GoalKind.SEARCH or passes >= config.search_passes or not worth or not state.ground_known:
         return fail(state, Reason.PAD_NOT_FOUND, now_s, config)
-    guidance = guidance_of(state, inputs)
-    moved = None if guidance is None else guidance.anchor_ned_m
-    anchor = goal.anchor_ned_m if moved is None else moved
     lower = replace(
-        numbered(state, GoalKind.SEARCH, height_m, anchor, goal.drift_ne_m_s),
+        numbered(state, GoalKind.SEARCH, height_m, anchor_of(state, inputs), goal.drift_ne_m_s),
         pattern_scale=goal.pattern_scale * height_m / goal.height_m,
     )
     searching = replace(state, goal=lower, since_s=now_s, search_passes=passes)
@@ -50,13 +49,15 @@ def search_lower(state: MissionState, inputs: MissionInputs, now_s: float, confi
 
 def turn_back(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition | None:
     """A whole search at rest, that begins with the way back to where the pad was last seen; None if it isn't time."""
-    goal, seen_s, guidance = state.goal, state.left_behind_s, guidance_of(state, inputs)
-    if goal.kind is not GoalKind.SEARCH or seen_s is None or guidance is None or guidance.anchor_ned_m is None:
+    seen_s = state.left_behind_s
+    if state.goal.kind is not GoalKind.SEARCH or seen_s is None or now_s - seen_s < config.search_along_s:
         return None
-    if now_s - seen_s < config.search_along_s:
-        return None
-    north_m_s, east_m_s = goal.drift_ne_m_s
-    anchor = guidance.anchor_ned_m - (now_s - seen_s) * np.array([north_m_s, east_m_s, 0.0])
-    back = numbered(state, GoalKind.SEARCH, goal.height_m, anchor)
+    return None if guidance_of(state, inputs) is None else _back(state, inputs, seen_s, now_s)
+
+
+def _back(state: MissionState, inputs: MissionInputs, seen_s: float, now_s: float) -> Transition:
+    north_m_s, east_m_s = state.goal.drift_ne_m_s
+    anchor = anchor_of(state, inputs) - (now_s - seen_s) * np.array([north_m_s, east_m_s, 0.0])
+    goal = numbered(state, GoalKind.SEARCH, state.goal.height_m, anchor)
     text = OperatorText(f"{state.phase.value}: {Reason.TURNS_BACK.value}")
-    return Transition(replace(state, goal=back, since_s=now_s, left_behind_s=None), Reason.TURNS_BACK, texts=(text,))
+    return Transition(replace(state, goal=goal, since_s=now_s, left_behind_s=None), Reason.TURNS_BACK, texts=(text,))

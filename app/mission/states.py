@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from app.frames import Array
+from app.local_frame import FrameJumps
 from app.messages import (
     ActionResult,
     AutopilotAction,
@@ -97,6 +98,7 @@ class MissionState:
         contact_s: When the vehicle last rested on something in this landing.
         takeoff_accepted: PX4 accepted the take-off.
         handed_over: PX4 has taken up the mode of its own that this phase asked for.
+        jumps: Of PX4's local frame, in which home and the goal's anchor stand.
     """
 
     phase: Phase = Phase.IDLE
@@ -120,6 +122,7 @@ class MissionState:
     contact_s: float | None = None
     takeoff_accepted: bool = False
     handed_over: bool = False
+    jumps: FrameJumps = field(default_factory=FrameJumps, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ def go(
         asked=None,
         accepted=None,
         refusals=0,
-        entry_mode=_mode_of(state) if phase in HANDED_OVER else state.entry_mode,
+        entry_mode=mode_of(state) if phase in HANDED_OVER else state.entry_mode,
         handed_over=False,
         steady_since_s=None,
         committed_since_s=None,
@@ -78,10 +78,14 @@ def go(
     return Transition(entered, reason, answers=answers, texts=(OperatorText(text[:50], severity),))
 
 
-def _mode_of(state: MissionState) -> FlightMode:
-    """The mode that PX4 flies in this state, as far as Alight asked for it."""
-    if state.phase in HANDED_OVER and state.handed_over:
-        return OWN_MODE[state.phase][1]
+def mode_of(state: MissionState) -> FlightMode:
+    """The mode that PX4 flies in this state, or is about to, as far as Alight asked for it: what was asked for may show
+    up to a second later.
+    """
+    if state.phase in HANDED_OVER:
+        action, own = OWN_MODE[state.phase]
+        if state.handed_over or state.asked is action:
+            return own
     return FlightMode.OFFBOARD if state.phase in IN_OFFBOARD and state.offboard_seen else state.entry_mode
 
 
@@ -141,3 +145,12 @@ def guidance_of(state: MissionState, inputs: MissionInputs) -> GuidanceStatus | 
     """The controller's word, if it is about the present goal."""
     guidance = inputs.guidance
     return guidance if guidance is not None and guidance.goal_number == state.goal.number else None
+
+
+def anchor_of(state: MissionState, inputs: MissionInputs) -> Array:
+    """(3,) where the goal's anchor is now, in PX4's present local frame: it drifts."""
+    guidance = guidance_of(state, inputs)
+    if guidance is None or guidance.anchor_ned_m is None:
+        return np.array(state.goal.anchor_ned_m)
+    anchor = np.array(guidance.anchor_ned_m)
+    return anchor if guidance.frame_s is None else anchor + state.jumps.since(guidance.frame_s)

@@ -40,27 +40,31 @@ class CommandChannel:
         if answers is not None:
             answers.put_nowait(int(fields["result"]))
 
-    async def run(self, fields: Mapping[str, Any]) -> int:
+    async def run(self, fields: Mapping[str, Any], sends: int = SENDS) -> int:
         """Send a COMMAND_LONG and return the MAV_RESULT of its final answer.
 
         Once IN_PROGRESS has come it is not sent again and waited for without limit: bound the call.
 
+        Args:
+            fields: Of the COMMAND_LONG.
+            sends: How often at most; 1 for a command that may be wrong half a second later.
+
         Raises:
-            NoAnswerError: No answer came to SENDS sends.
+            NoAnswerError: No answer came to so many sends.
         """
         command = int(fields["command"])
         async with self._turns[command]:
             answers = self._answers[command] = asyncio.Queue()
             try:
-                result = await self._first_answer(fields, answers)
+                result = await self._first_answer(fields, answers, sends)
                 while result == CommandResult.IN_PROGRESS:
                     result = await answers.get()
                 return result
             finally:
                 del self._answers[command]
 
-    async def _first_answer(self, fields: Mapping[str, Any], answers: asyncio.Queue[int]) -> int:
-        for confirmation in range(SENDS):
+    async def _first_answer(self, fields: Mapping[str, Any], answers: asyncio.Queue[int], sends: int) -> int:
+        for confirmation in range(sends):
             await self._send({**fields, "confirmation": confirmation})
             try:
                 async with asyncio.timeout(RESEND_S):

@@ -23,7 +23,7 @@ from app.config import AutopilotConfig
 from app.errors import AutopilotError
 from app.log import get_logger
 from app.messages import AutopilotAction, CommandResult, LandingTarget, Setpoint, VehicleState
-from drivers.autopilot.command_channel import CommandChannel, NoAnswerError
+from drivers.autopilot.command_channel import SENDS, CommandChannel, NoAnswerError
 from drivers.autopilot.px4_commands import (
     SET_MESSAGE_INTERVAL,
     command_long,
@@ -311,7 +311,8 @@ class Px4Autopilot:
         fields = command_of(action, self.system_id, self._takeoff_amsl_m(action, height_m, start_s))
         try:
             async with asyncio.timeout(self._config.action_timeout_s):
-                result = await self._command(fields)
+                # A forced disarm was judged for this instant: the mission asks again, if it is right then.
+                result = await self._command(fields, 1 if action is AutopilotAction.FORCE_DISARM else SENDS)
         except TimeoutError:
             raise AutopilotError(
                 f"PX4 gave no final answer to {action.value} within {self._config.action_timeout_s:g} s",
@@ -345,13 +346,13 @@ class Px4Autopilot:
             )
         return altitude[0] + height_m
 
-    async def _command(self, fields: dict[str, Any]) -> str:
+    async def _command(self, fields: dict[str, Any], sends: int = SENDS) -> str:
         """Send a COMMAND_LONG and return the name of the autopilot's final MAV_RESULT.
 
         Raises:
             NoAnswerError: No answer came.
         """
-        result = await self._commands.run(fields)
+        result = await self._commands.run(fields, sends)
         known = {r.value: r.name for r in CommandResult}
         return known.get(result, f"MAV_RESULT {result}")
 

@@ -258,6 +258,15 @@ async def test_autopilot_silence_ends_an_action_in_its_time(make_autopilot: Call
         assert time.monotonic() - start_s < 1.0
 
 
+async def test_autopilot_forced_disarm_without_an_answer_is_not_sent_again(link: Autopilot, autopilot: Any) -> None:
+    """It was right for that instant; PX4 obeys it in the air too."""
+    autopilot.results[400] = None
+    with pytest.raises(AutopilotError, match="did not answer"):
+        await link.execute(AutopilotAction.FORCE_DISARM)
+    await asyncio.sleep(1.0)
+    assert len([m for m in autopilot.commands if m.command == 400]) == 1
+
+
 async def test_autopilot_closed_refuses_to_act(autopilot: Any, port: int) -> None:
     link = Px4Autopilot(config_of(port))
     async with link:

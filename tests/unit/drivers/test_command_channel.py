@@ -48,6 +48,13 @@ def test_command_never_answered_ends_after_four_sends() -> None:
     assert [confirmation for _, _, confirmation in peer.sent] == [0, 1, 2, 3]
 
 
+def test_command_that_may_be_wrong_a_moment_later_is_sent_once() -> None:
+    peer = Peer()
+    with pytest.raises(NoAnswerError):
+        run_virtual(peer.channel.run({"command": 400}, sends=1))
+    assert peer.sent == [(0.0, 400, 0)]
+
+
 def test_command_in_progress_is_waited_for_and_not_sent_again() -> None:
     async def main() -> int:
         loop = asyncio.get_running_loop()

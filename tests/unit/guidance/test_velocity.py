@@ -311,6 +311,34 @@ def test_jump_of_the_frame_moves_the_last_track_of_a_committed_landing_when_no_n
     assert (status.horizontal_error_m, status.height_above_pad_m) == (pytest.approx(0.0), pytest.approx(0.3))
 
 
+def test_two_jumps_of_the_frame_move_the_pad_of_a_committed_landing_along():
+    """The position's and, two turns later, the height's; the newest track is from before both."""
+    steering, goal = committed()
+    steering.step(goal, pad(100.02), vehicle(100.02, (0.0, 0.0, -0.3)), 100.02)
+    steering.step(goal, pad(100.02), vehicle(100.04, (2.0, 0.0, -0.3), frame_resets=1), 100.04)
+    _, status = steering.step(goal, pad(100.02), vehicle(100.08, (2.0, 0.0, 0.2), frame_resets=2), 100.08)
+    assert (status.horizontal_error_m, status.height_above_pad_m) == (pytest.approx(0.0), pytest.approx(0.3))
+
+
+def test_goal_from_before_a_jump_that_the_controller_has_seen_already_is_carried_over_it():
+    """The mission made it of a vehicle state that is a turn older."""
+    steering = controller()
+    steering.step(Goal(GoalKind.STAY, number=1), None, vehicle(100.0, (0.0, 0.0, -4.0)), 100.0)
+    steering.step(Goal(GoalKind.STAY, number=1), None, vehicle(100.02, (5.0, 0.0, -9.0), frame_resets=1), 100.02)
+    goal = Goal(GoalKind.SEARCH, 4.0, np.zeros(3), number=2, frame_s=100.0)
+    _, status = steering.step(goal, None, vehicle(100.04, (5.0, 0.0, -9.0), frame_resets=1), 100.04)
+    np.testing.assert_allclose(status.anchor_ned_m, [5.0, 0.0, -5.0])
+    assert status.frame_s == 100.04
+
+
+def test_climb_never_sinks():
+    """Whatever the height over the anchor is believed to be: it was begun because nothing is known of the pad."""
+    goal = Goal(GoalKind.CLIMB, 4.0, np.zeros(3), number=1)
+    turns = run(controller(), goal, None, lambda t: vehicle(t, (0.0, 0.0, -9.0)), seconds=2.0)
+    assert max(float(setpoint.vel_ned_m_s[2]) for setpoint, _ in turns) <= 0.0
+    assert turns[-1][1].climbed
+
+
 def test_jump_of_the_frame_does_not_move_a_track_from_after_it():
     steering, goal = controller(), Goal(GoalKind.HOVER, 2.5, number=1)
     steering.step(goal, pad(100.0), vehicle(100.0), 100.0)

@@ -343,12 +343,27 @@ def test_search_for_a_pad_that_drove_when_it_was_lost_goes_along_with_it(make: A
     track = make.track(t_capture_s=97.5, t_last_fix_s=97.5, vel_ned_m_s=np.array([north_m_s, 0.0, 0.0]))
     climbing = step(state, make.inputs(state, track=track), 100.0, make.config).state
     assert climbing.goal.drift_ne_m_s == drift
-    word = make.settled(climbing, 102.0, climbed=True)
+    # The controller has moved the anchor along for the 2 s of the climb.
+    moved = climbing.goal.anchor_ned_m + 2.0 * np.array([*drift, 0.0])
+    word = make.settled(climbing, 102.0, climbed=True, anchor_ned_m=moved)
     seen = make.inputs(climbing, track=track, track_usable=False, guidance=word)
     searching = step(climbing, seen, 102.0, make.config).state
     assert (searching.goal.kind, searching.goal.drift_ne_m_s) == (GoalKind.SEARCH, drift)
     # 4.5 s after it was seen a pad that drives is so far on; one that was slow is looked for where it was lost.
     assert searching.goal.anchor_ned_m[0] == pytest.approx(1.0 + (4.5 * 2.0 if drift[0] else 2.5 * 0.8))
+
+
+@pytest.mark.parametrize(("height_m", "wanted_m"), [(1.0, 4.0), (20.0, 20.0)])
+def test_vehicle_that_flies_higher_than_the_search_height_searches_from_there(make: Any, height_m, wanted_m):
+    """The phone had it track from over trees: nothing is to be searched for among them."""
+    state = make.state(P.TRACK)
+    vehicle = make.vehicle(pos_ned_m=np.array([1.0, 2.0, -height_m]))
+    seen = make.inputs(state, vehicle=vehicle, track=make.track(t_last_fix_s=97.5))
+    climbing = step(state, seen, 100.0, make.config).state
+    assert (climbing.goal.kind, climbing.goal.height_m) == (GoalKind.CLIMB, wanted_m)
+    word = make.settled(climbing, 104.0, climbed=True)
+    searching = step(climbing, replace(seen, track_usable=False, guidance=word), 104.0, make.config).state
+    assert (searching.goal.kind, searching.goal.height_m) == (GoalKind.SEARCH, wanted_m)
 
 
 def test_pad_that_the_phone_says_drives_is_searched_for_along_its_way(make: Any):

@@ -198,3 +198,47 @@ def test_landing_that_is_committed_and_never_disarmed_is_left_to_px4s_plain_land
 def test_commit_that_is_taken_back_counts_from_anew(make: Any):
     state = landing(make, committed_since_s=79.0)
     assert step(state, seen(make, state), 100.0, make.config).state == replace(state, committed_since_s=None)
+
+
+# -------------------------------------------------------------------------------------- what is on its way to PX4 shows
+def asked(make: Any) -> Any:
+    """PX4's landing was asked for in the last step, and doesn't show yet."""
+    state = make.state(P.PRECLAND, handed_over=False, since_s=99.0, entry_mode=FlightMode.OFFBOARD)
+    result = step(state, seen(make, state, FlightMode.OFFBOARD), 100.0, make.config)
+    assert result.action is A.PRECLAND
+    return result.state
+
+
+@pytest.mark.parametrize("action", [OperatorAction.TRACK, OperatorAction.SEARCH])
+def test_phone_that_wants_no_landing_while_it_is_on_its_way_gets_none(make: Any, action):
+    """The mode that was asked for a moment ago is no pilot: offboard is asked for after it."""
+    changed = step(
+        asked(make), seen(make, asked(make), FlightMode.OFFBOARD, command=make.command(action)), 100.1, make.config
+    ).state
+    shows = step(changed, seen(make, changed, track_usable=False, track=None), 100.2, make.config)
+    assert shows.state.phase is P.SEARCH
+    later = step(shows.state, seen(make, shows.state, track_usable=False, track=None), 100.7, make.config)
+    assert (later.state.phase, later.action) == (P.SEARCH, A.OFFBOARD)
+
+
+def test_pad_lost_while_the_landing_is_on_its_way_is_gone_round_for(make: Any):
+    state, gone = asked(make), make.track(t_last_fix_s=98.0)
+    lost = step(state, seen(make, state, FlightMode.OFFBOARD, track=gone), 100.1, make.config).state
+    assert (lost.phase, lost.goal.kind) == (P.SEARCH, GoalKind.CLIMB)
+    shows = step(lost, seen(make, lost, track=gone, track_usable=False), 100.2, make.config)
+    assert shows.state.phase is P.SEARCH
+
+
+@pytest.mark.parametrize(
+    ("phase", "own", "action", "mode"),
+    [(P.PRECLAND, A.PRECLAND, A.HOLD, FlightMode.PRECLAND), (P.RETURN, A.RETURN, A.HOLD, FlightMode.RETURN)],
+)
+def test_hold_is_sent_although_the_mode_asked_for_before_shows_first(make: Any, phase, own, action, mode):
+    state = make.state(phase, handed_over=False, since_s=99.0, entry_mode=FlightMode.OFFBOARD)
+    result = step(state, seen(make, state, FlightMode.OFFBOARD), 100.0, make.config)
+    assert result.action is own
+    order = make.command(OperatorAction.HOLD)
+    held = step(result.state, seen(make, result.state, FlightMode.OFFBOARD, command=order), 100.05, make.config)
+    assert [answer.result for answer in held.answers][-1] is CommandResult.ACCEPTED
+    shows = step(held.state, seen(make, held.state, mode), 100.1, make.config)
+    assert (shows.state.phase, shows.action) == (P.HOLD, action)

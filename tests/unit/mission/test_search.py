@@ -124,14 +124,12 @@ def along(make: Any, seen_s: float = 97.0) -> MissionState:
     track = make.track(t_capture_s=seen_s, t_last_fix_s=seen_s, vel_ned_m_s=np.array([2.0, 0.0, 0.0]))
     state = make.state(P.LAND, ground_known=True)
     climbing = step(state, make.inputs(state, track=track, track_usable=False), 100.0, make.config).state
-    word = make.settled(climbing, 102.0, climbed=True)
-    return step(
-        climbing, make.inputs(climbing, track=track, track_usable=False, guidance=word), 102.0, make.config
-    ).state
+    word = make.settled(climbing, 102.0, climbed=True, anchor_ned_m=np.array([11.0, 2.0, 0.0]))
+    return step(climbing, make.inputs(climbing, guidance=word), 102.0, make.config).state
 
 
 def test_search_turns_back_to_where_a_pad_was_last_seen_that_is_not_where_it_would_be_if_it_drove_on(make: Any):
-    """97 s + 15 s: PX4's frame has jumped 5 m east meanwhile, and the controller's word of the anchor with it."""
+    """97 s + 15 s; the controller's word of the anchor is 5 m further east: PX4's frame has jumped meanwhile."""
     state, config = along(make), MissionConfig(search_along_s=15.0)
     assert (state.goal.kind, state.goal.drift_ne_m_s) == (GoalKind.SEARCH, (2.0, 0.0))
     early = step(state, make.inputs(state, guidance=make.settled(state, 111.9)), 111.9, config)
@@ -156,6 +154,16 @@ def test_search_turns_back_once_and_has_its_whole_time_then(make: Any):
     assert (later.reason, later.state.goal) == (None, back.goal)
 
 
+@pytest.mark.parametrize("end", [{"search_finished": True}, {}])
+def test_search_that_is_over_before_it_would_turn_back_turns_back_then(make: Any, end):
+    """A small pattern is flown out, or its time is up, 6 s after the pad was seen; it is not the last pass either."""
+    state, config = along(make), MissionConfig(search_timeout_s=300.0 if end else 0.5, search_passes=1)
+    word = make.settled(state, 103.0, anchor_ned_m=np.array([13.0, 2.0, 0.0]), **end)
+    back = step(state, make.inputs(state, guidance=word), 103.0, config)
+    assert (back.state.phase, back.reason, back.state.search_passes) == (P.SEARCH, Reason.TURNS_BACK, 0)
+    np.testing.assert_allclose(back.state.goal.anchor_ned_m, [1.0, 2.0, 0.0])
+
+
 def test_search_along_the_way_that_the_phone_gave_does_not_turn_back(make: Any):
     """Nobody has seen where it began."""
     state = searching(make, goal=Goal(GoalKind.SEARCH, 5.0, ANCHOR, 7, (3.0, 0.0)))
@@ -166,3 +174,24 @@ def test_search_along_the_way_that_the_phone_gave_does_not_turn_back(make: Any):
 def test_pad_that_is_found_and_lost_again_is_gone_along_with_from_then_on(make: Any):
     found = step(along(make), make.inputs(along(make), track=make.track(), track_usable=True), 105.0, make.config).state
     assert (found.phase, found.left_behind_s) == (P.HOVER, None)
+
+
+@pytest.mark.parametrize("kind", [GoalKind.SEARCH, GoalKind.CLIMB])
+def test_search_goes_along_as_the_phone_says_from_then_on(make: Any, kind):
+    """It was told nothing, or the wrong way; the anchor is where it has got to by now."""
+    state = searching(make, goal=Goal(kind, 5.0, ANCHOR, 7, (3.0, 0.0), pattern_scale=0.6), left_behind_s=96.0)
+    order = replace(make.command(OperatorAction.LAND), pad_drives_ne_m_s=(0.0, 3.75))
+    word = make.settled(state, 98.0, anchor_ned_m=np.array([12.0, -2.0, -0.5]))
+    told = step(state, make.inputs(state, guidance=word, command=order), 98.0, make.config)
+    goal = told.state.goal
+    assert (told.state.phase, goal.kind, goal.drift_ne_m_s) == (P.SEARCH, kind, (0.0, 3.75))
+    assert (goal.number, goal.height_m, goal.pattern_scale) == (8, 5.0, 0.6)
+    np.testing.assert_allclose(goal.anchor_ned_m, [12.0, -2.0, -0.5])
+    assert (told.state.left_behind_s, told.state.since_s) == (None, 98.0)
+
+
+def test_order_without_a_speed_leaves_the_search_as_it_is(make: Any):
+    state = searching(make, goal=Goal(GoalKind.SEARCH, 5.0, ANCHOR, 7, (3.0, 0.0)))
+    told = step(state, make.inputs(state, command=make.command(OperatorAction.LAND)), 98.0, make.config)
+    assert told.state.goal.number == 7
+    assert told.state.goal.drift_ne_m_s == (3.0, 0.0)
