@@ -39,8 +39,8 @@ YAW_RATE_SIGMA_RAD_S2 = 0.3
 """White angular acceleration of the pad: a car at 13.5 km/h on a bend of 30 m turns at 0.125 rad/s, within half a
 second of steering."""
 QUARTER_TURN_RAD = math.pi / 2.0
-TURN_SIGMAS = 2.0
-"""A rate of turn counts by what it stands out of so many of its deviations."""
+STANDS_OUT_SIGMAS = 2.0
+"""A rate of turn, and a motion, counts by what it stands out of so many of its deviations."""
 DELAY_MAX_S = 0.1
 """No camera's time is further off; what looks so is something else."""
 DELAY_NEAREST_M = 0.4
@@ -51,6 +51,13 @@ SLOW_S = 0.5
 """Time constant of the pad's velocity by which the offset is weighed."""
 DELAY_DRIFT_S = 0.5e-3
 """Random walk of the offset, a second to each root of a second."""
+
+
+def _shrunk(square: float, variance: float) -> float:
+    """What an estimate of this square is multiplied by so that noise counts for nothing (a positive-part James-Stein
+    estimate).
+    """
+    return 0.0 if square == 0.0 else max(0.0, 1.0 - STANDS_OUT_SIGMAS**2 * variance / square)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +75,9 @@ class _Heading:
 
     @property
     def turn_rad_s(self) -> float:
-        """The rate, shrunk by what may be noise (a positive-part James-Stein estimate)."""
+        """The rate, less what may be noise."""
         rate, variance = float(self.mean[1]), float(self.covariance[1, 1])
-        return 0.0 if rate == 0.0 else rate * max(0.0, 1.0 - TURN_SIGMAS**2 * variance / rate**2)
+        return _shrunk(rate * rate, variance) * rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +176,8 @@ class TargetEstimator:
 
         How it depends on the offset is worked out with the pad's velocity of a while before: that of now has the noise
         of the last fixes in it, against which the next one stands out, and the product of the two would pass for an
-        offset.
+        offset. For the same reason the motion counts by what it stands out of its error: where nothing moves, or the
+        vehicle follows the pad, an offset doesn't show, and noise would be taken for one.
         """
         dt_s = fix.t_capture_s - track.t_capture_s
         prior = np.empty((7, 7))
@@ -180,7 +188,8 @@ class TargetEstimator:
         look = np.eye(3, 7)
         if fix.shift_ned_m_s is not None:
             look[:, 3:6] = self._delay.mean_s * np.eye(3)
-            look[:, 6] = self._slow_vel_ned_m_s - fix.shift_ned_m_s
+            apart = self._slow_vel_ned_m_s - fix.shift_ned_m_s
+            look[:, 6] = _shrunk(float(apart @ apart), float(np.trace(predicted.covariance[3:, 3:]))) * apart
         return prior, look
 
     def _update_deck(self, fix: PadFix) -> None:
