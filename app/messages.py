@@ -207,7 +207,7 @@ class PadFix:
     """One measurement of the pad in PX4's local frame: a camera pose combined with the vehicle's pose at that time.
 
     Attributes:
-        t_capture_s: Of the frame.
+        t_capture_s: When the frame was exposed: its own time and delay_s.
         pad_pos_ned_m: (3,) the pad's origin.
         pad_from_vehicle_ned_m: (3,) the same relative to the vehicle's body origin, along the ned axes.
         covariance_ned_m2: (3, 3) of pad_from_vehicle_ned_m: vision and attitude, not PX4's position error.
@@ -220,8 +220,9 @@ class PadFix:
         paper: The paper's own outputs, in a fix by method paper.
         pad_normal_ned: (3,) the pad's down axis; None where the method doesn't give it.
         normal_sigma_rad: Standard deviation of its north and east part.
-        shift_ned_m_s: (3,) how pad_pos_ned_m would move for each second by which the frame was exposed later than its
-            time says: the vehicle's velocity, and its turning times the way to the pad. None where that is unknown.
+        shift_ned_m_s: (3,) how pad_pos_ned_m would move for each second by which the frame was exposed later than
+            t_capture_s: the vehicle's velocity, and its turning times the way to the pad. None where that is unknown.
+        delay_s: By how much the frame was taken to be exposed later than its own time says.
     """
 
     t_capture_s: float
@@ -237,6 +238,7 @@ class PadFix:
     pad_normal_ned: Array | None = None
     normal_sigma_rad: float = 0.0
     shift_ned_m_s: Array | None = None
+    delay_s: float = 0.0
 
 
 # -------------------------------------------------------------------------------------------------------- estimate

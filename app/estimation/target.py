@@ -10,7 +10,8 @@ Frames may be exposed later or earlier than their times say, for the camera's an
 with delays of their own. Such an offset d shows when the vehicle moves or turns: the fix is made with the vehicle's
 pose of d ago, and lies d (v + w x r) off a pad at rest (v, w the vehicle's velocity and turning, r the way to the pad).
 It is a seventh state that all tracks share (after Li and Mourikis, "Online temporal calibration for camera-IMU
-systems", 2014).
+systems", 2014). What is known of it goes into the time of the next fix, which is made with the pose of then; the filter
+sees what is left.
 
 Between two fixes the vehicle is dead-reckoned with PX4's velocity, not with its position. The two disagree: velocity
 is off by 0.04 to 0.15 m/s for about a second at a time, and next to none of it shows in the position (measured on PX4
@@ -47,6 +48,8 @@ DELAY_NEAREST_M = 0.4
 """Nearer to the pad the vehicle soon stands on it, and PX4's velocity is no measure of how it moves."""
 DELAY_SPEED_SIGMA_M_S = 0.7
 """As long as the pad's speed is less known than this the offset can't be told from it: their product is measured."""
+DELAY_FIXES = 10
+"""Nothing is learnt of it from the first fixes of a track: what they are off by went into the pad's velocity."""
 SLOW_S = 0.5
 """Time constant of the pad's velocity by which the offset is weighed."""
 DELAY_DRIFT_S = 0.5e-3
@@ -110,6 +113,11 @@ class TargetEstimator:
         """The track at the last accepted fix; None before the first."""
         return self._track
 
+    @property
+    def delay_s(self) -> float:
+        """By how much later than they say the frames are exposed, as far as that is known."""
+        return self._delay.mean_s
+
     def reset(self) -> None:
         """Forget the track: after a reset of PX4's local frame, or when the search begins anew."""
         self._track = None
@@ -130,7 +138,8 @@ class TargetEstimator:
         s_matrix = look @ prior @ look.T + fix.covariance_ned_m2
         innovation = fix.pad_pos_ned_m - predicted.pos_ned_m
         if fix.shift_ned_m_s is not None:
-            innovation = innovation - self._delay.mean_s * (predicted.vel_ned_m_s - fix.shift_ned_m_s)
+            left_s = self._delay.mean_s - fix.delay_s
+            innovation = innovation - left_s * (predicted.vel_ned_m_s - fix.shift_ned_m_s)
         distance2 = float(innovation @ np.linalg.solve(s_matrix, innovation))
         if distance2 > self._config.gate_sigma**2:
             rejected = track.fixes_rejected_in_row + 1
@@ -139,9 +148,13 @@ class TargetEstimator:
             self._track = replace(track, fixes_rejected_in_row=rejected)
             return self._track
         gain = prior @ look.T @ np.linalg.inv(s_matrix)
-        unsure = float(np.trace(predicted.covariance[3:, 3:])) > DELAY_SPEED_SIGMA_M_S**2
+        variance = float(np.trace(predicted.covariance[3:, 3:]))
+        unsure = variance > DELAY_SPEED_SIGMA_M_S**2 or track.fixes_accepted < DELAY_FIXES
         if unsure or float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M:
             gain[6] = 0.0  # Schmidt's: what is known of it counts, nothing is learnt
+        else:
+            # Where nothing moves, or the vehicle follows the pad, an offset doesn't show, and noise would pass for one.
+            gain[6] *= _shrunk(float(look[:, 6] @ look[:, 6]), variance)
         correction = gain @ innovation
         keep = np.eye(7) - gain @ look
         posterior = keep @ prior @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
@@ -176,8 +189,7 @@ class TargetEstimator:
 
         How it depends on the offset is worked out with the pad's velocity of a while before: that of now has the noise
         of the last fixes in it, against which the next one stands out, and the product of the two would pass for an
-        offset. For the same reason the motion counts by what it stands out of its error: where nothing moves, or the
-        vehicle follows the pad, an offset doesn't show, and noise would be taken for one.
+        offset.
         """
         dt_s = fix.t_capture_s - track.t_capture_s
         prior = np.empty((7, 7))
@@ -187,9 +199,8 @@ class TargetEstimator:
         prior[6, 6] = self._delay.variance_s2 + drift
         look = np.eye(3, 7)
         if fix.shift_ned_m_s is not None:
-            look[:, 3:6] = self._delay.mean_s * np.eye(3)
-            apart = self._slow_vel_ned_m_s - fix.shift_ned_m_s
-            look[:, 6] = _shrunk(float(apart @ apart), float(np.trace(predicted.covariance[3:, 3:]))) * apart
+            look[:, 3:6] = (self._delay.mean_s - fix.delay_s) * np.eye(3)
+            look[:, 6] = self._slow_vel_ned_m_s - fix.shift_ned_m_s
         return prior, look
 
     def _update_deck(self, fix: PadFix) -> None:

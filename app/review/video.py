@@ -71,7 +71,7 @@ def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None
             reports.append((t_s, str(message["reason"])))
         elif topic == "fixes":
             north, east, down = message["pad_from_vehicle_ned_m"]
-            fixes[message["t_capture_s"]] = (down, float(np.hypot(north, east)))
+            fixes[round(message["t_capture_s"] - message.get("delay_s", 0.0), 6)] = (down, float(np.hypot(north, east)))
     times = [t for t, _ in reports]
     writer: cv2.VideoWriter | None = None
     pose: CameraPose | None = None
@@ -84,7 +84,7 @@ def write_video(record: Path, out: Path, landmark: Landmark, lens: Lens) -> None
             phase = reports[at][1] if at >= 0 else ""
             detection = detections.get(frame.sequence) or Detection(frame.t_capture_s, frame.sequence)
             pose = _pose(detection, pose, lens, landmark)
-            writer.write(_draw(frame, detection, pose, fixes.get(frame.t_capture_s), phase, lens, landmark))
+            writer.write(_draw(frame, detection, pose, fixes.get(round(frame.t_capture_s, 6)), phase, lens, landmark))
     finally:
         if writer is not None:
             writer.release()

@@ -44,16 +44,26 @@ async def run_pose(
             resets = state.frame_resets
         if not detection.detected:
             continue
-        at_capture = history.at(detection.t_capture_s)
+        # With the vehicle's pose of when it was exposed, as far as that is known: where the vehicle turns to and fro,
+        # what a fix is off by is no matter of the turning of one instant.
+        delay_s = estimator.delay_s
+        exposed_s = detection.t_capture_s + delay_s
+        at_capture = history.at(exposed_s)
         if at_capture is None:
             continue
         fix = await compute(partial(make_fix, detection, at_capture.state))
         if fix is None or not np.isfinite([*fix.pad_pos_ned_m, *fix.covariance_ned_m2.flat, fix.pad_yaw_ned_rad]).all():
             continue
-        turning = history.turning_rad_s(detection.t_capture_s)
+        turning = history.turning_rad_s(exposed_s)
         shift = (
             None if turning is None else at_capture.state.vel_ned_m_s + np.cross(turning, fix.pad_from_vehicle_ned_m)
         )
-        fix = replace(fix, travelled_ned_m=at_capture.travelled_ned_m, shift_ned_m_s=shift)
+        fix = replace(
+            fix,
+            t_capture_s=exposed_s,
+            delay_s=delay_s,
+            travelled_ned_m=at_capture.travelled_ned_m,
+            shift_ned_m_s=shift,
+        )
         fixes.publish(fix)
         tracks.publish(estimator.update(fix))
