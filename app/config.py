@@ -21,7 +21,10 @@ from app.landmark import ContourSpec, Landmark, Shape, build_landmark
 from app.sections import Section as Section
 
 Address = Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin|tcpout|serial|serial_flowcontrol)://\S+$")]
-Vector = tuple[float, float, float]
+OnVehicle = Annotated[float, Field(ge=-5.0, le=5.0)]
+"""Metres from the middle of the vehicle: nothing on it is further off."""
+LEAST_FOCAL, MOST_FOCAL = 0.1, 20.0
+"""Of a lens, in widths of its image: from a fisheye that sees all round to a telescope."""
 
 
 # ------------------------------------------------------------------------------------------------------------ pads
@@ -79,6 +82,21 @@ class LensConfig(Section):
             raise ValueError(f"a {self.model} lens takes {' or '.join(map(str, allowed))} distortion coefficients")
         return self
 
+    @model_validator(mode="after")
+    def _can_be_a_lens(self) -> LensConfig:
+        faults = []
+        if not (0.0 <= self.cx_px < self.width_px and 0.0 <= self.cy_px < self.height_px):
+            faults.append(
+                f"the lens's axis at cx_px, cy_px = {self.cx_px:g}, {self.cy_px:g} lies outside of the image of "
+                f"{self.width_px}x{self.height_px}"
+            )
+        low, high = LEAST_FOCAL * self.width_px, MOST_FOCAL * self.width_px
+        if not (low <= self.fx_px <= high and low <= self.fy_px <= high):
+            faults.append(f"fx_px, fy_px = {self.fx_px:g}, {self.fy_px:g} are not within {low:g}..{high:g} pixels")
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
 
 class CameraConfig(Section):
     """[camera]: which driver gives the frames, through which lens, and how it is mounted."""
@@ -94,7 +112,9 @@ class CameraConfig(Section):
     mount_yaw_deg: float = Field(default=0.0, ge=-180, le=180, description="0: image top is forward; 90: right")
     mount_pitch_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: tilted to its image's top")
     mount_roll_deg: float = Field(default=0.0, ge=-45, le=45, description="positive: tilted to its image's left")
-    position_body_m: Vector = Field(default=(0.0, 0.0, 0.05), description="forward, right, down of the body origin")
+    position_body_m: tuple[OnVehicle, OnVehicle, OnVehicle] = Field(
+        default=(0.0, 0.0, 0.05), description="forward, right, down of the body origin"
+    )
     latency_s: float = Field(default=0.0, ge=0.0, le=1.0, description="subtracted from arrival where no sensor time is")
 
 
@@ -217,7 +237,7 @@ class GuidanceConfig(Section):
     deck_lean_max_deg: float = Field(
         default=4.0, gt=0, le=30, description="commit only if the deck will lean less at touchdown: wait for a calm one"
     )
-    search_spacing_m: float = Field(default=3.0, gt=0, le=50, description="between the lines of the expanding square")
+    search_spacing_m: float = Field(default=3.0, ge=0.3, le=50, description="between the lines of the expanding square")
     search_radius_m: float = Field(default=15.0, gt=0, le=500)
     search_speed_m_s: float = Field(default=2.0, gt=0, le=15)
 
@@ -306,6 +326,32 @@ class RigConfig(Section):
                 'guidance.method = "px4-precland" needs a PX4: the built-in simulator has no precision landing '
                 '(simulator.vehicle = "px4" flies one)'
             )
+        return self
+
+    @model_validator(mode="after")
+    def _can_fly(self) -> RigConfig:
+        """What no single key shows: a mission that can't end well however it goes."""
+        guidance, mission, safety = self.guidance, self.mission, self.safety
+        frame_s = 1.0 / self.camera.frame_rate_hz
+        below = (
+            ("mission.search_height_m", mission.search_height_m, "safety.height_max_m", safety.height_max_m),
+            ("mission.hover_height_m", mission.hover_height_m, "safety.height_max_m", safety.height_max_m),
+            ("mission.track_height_m", mission.track_height_m, "safety.height_max_m", safety.height_max_m),
+            ("guidance.commit_height_m", guidance.commit_height_m, "mission.track_height_m", mission.track_height_m),
+            ("guidance.commit_height_m", guidance.commit_height_m, "guidance.cone_height_m", guidance.cone_height_m),
+            (
+                "guidance.touchdown_radius_m", guidance.touchdown_radius_m,
+                "guidance.cone_radius_m", guidance.cone_radius_m,
+            ),
+            (
+                "guidance.search_radius_m", guidance.search_radius_m,
+                "safety.distance_from_home_max_m", safety.distance_from_home_max_m,
+            ),
+            ("two frames of the camera, s", 2.0 * frame_s, "safety.frames_stale_s", safety.frames_stale_s),
+        )  # fmt: skip
+        faults = [f"{low} = {a:g} must be under {high} = {b:g}" for low, a, high, b in below if not a < b]
+        if faults:
+            raise ValueError("; ".join(faults))
         return self
 
 

@@ -13,7 +13,7 @@ from app.clock import MonotonicClock
 from app.config import CameraConfig, LensConfig, PadConfig, RigConfig, VisionConfig, WorldConfig, read_config, resolve
 from app.errors import ConfigError, OperatorError
 from app.estimation.fix import FixMaker, Method, pose_estimator
-from app.estimation.height_table import HeightTable, read_height_table
+from app.estimation.height_table import HeightTable, outer_triangle, read_height_table
 from app.estimation.mount import body_from_cam
 from app.landmark import Landmark, paper_landmark
 from app.ports import Autopilot, Camera, OperatorLink
@@ -132,6 +132,11 @@ def load_rig(path: Path) -> Rig:
     table = None
     if config.vision.height_table:
         table = read_height_table(_named(path, "vision.height_table", config.vision.height_table))
+    if config.vision.method == "paper" and outer_triangle(landmark) is None:
+        raise ConfigError(
+            f'{path}: vision.method = "paper" takes the heading from a triangle, and pad {landmark.name} has none',
+            'set vision.method = "pnp", or name a pad with a triangle',
+        )
     return Rig(path, config, landmark, lens_config, lens_from_config(lens_config), table)
 
 

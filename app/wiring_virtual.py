@@ -132,7 +132,8 @@ async def fly(rig: Rig, script: Script, geometry: LandmarkGeometry | None = None
             recorder=None,
             detector=Detector(rig.landmark, rig.lens, rig.config.vision, geometry),
             make_fix=FixMaker(
-                pose_estimator(rig.landmark, rig.lens, rig.config.vision.method), body_from_cam(rig.config.camera)
+                pose_estimator(rig.landmark, rig.lens, rig.config.vision.method, rig.height_table),
+                body_from_cam(rig.config.camera),
             ),
             clock=clock,
             compute=in_place,

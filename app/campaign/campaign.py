@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from app.campaign.figures import CampaignFigures, ScenarioFigures
 from app.campaign.outcome import TrialResult
 from app.campaign.trial import Course, fly_trial, load_course
-from app.campaign.workers import Work, run_jobs
+from app.campaign.workers import Work, WorkerError, run_jobs
 from app.log import configure_logging
 
 TOLD_EACH_S = 30.0
@@ -48,12 +48,14 @@ class Flown:
         results: By the index of the job.
         wall_s: How long it took.
         interrupted: Ctrl-C ended it.
+        fault: What a worker failed of, which ended it; None as a rule.
     """
 
     courses: tuple[Course, ...]
     results: dict[int, TrialResult] = field(default_factory=dict)
     wall_s: float = 0.0
     interrupted: bool = False
+    fault: WorkerError | None = None
 
     @property
     def figures(self) -> CampaignFigures:
@@ -71,7 +73,7 @@ class Flown:
 def fly_campaign(
     courses: tuple[Course, ...], paths: tuple[Path, ...], seeds: range, workers: int, console: Console
 ) -> Flown:
-    """Fly them all. Ctrl-C keeps what is done, and so does a SIGTERM, or the end of the terminal.
+    """Fly them all. Ctrl-C keeps what is done, and so do a SIGTERM, the end of the terminal, and a worker that fails.
 
     Args:
         courses: The scenarios.
@@ -112,6 +114,8 @@ def fly_campaign(
                 )
     except KeyboardInterrupt:
         flown.interrupted = True
+    except WorkerError as fault:
+        flown.fault = fault
     finally:
         running.close()
         flown.wall_s = time.monotonic() - start_s

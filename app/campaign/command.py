@@ -50,6 +50,7 @@ def run_campaign(
     Raises:
         AlightError: A scenario is missing or wrong, or a file can't be written; nothing was flown then.
         KeyboardInterrupt: It was interrupted; what was done has been printed and written.
+        WorkerError: A worker failed; the same.
     """
     for file in (json_file, html_file):
         if file is not None:
@@ -74,6 +75,8 @@ def run_campaign(
         _write(html_file, page_of(figures, by_name, title))
     if flown.interrupted:
         raise KeyboardInterrupt
+    if flown.fault is not None:
+        raise flown.fault
     return all(not scenario.failures for scenario in figures.scenarios)
 
 

@@ -20,6 +20,16 @@ from app.wiring import CONFIGS
 SUFFIX = ".toml"
 SIMULATOR = "simulator.toml"
 """The rig of a scenario that names none."""
+ANOTHER_RIG = "name a rig that has it: rig = ..."
+SAID_ELSEWHERE = {
+    "simulator": "the world is drawn: say it in [start], [pad], [wind], [light], [camera] or [vehicle]",
+    "mission.search_height_m": "it is drawn: say it as height_m in [start]",
+    "camera.frame_rate_hz": "it is drawn: say it as rate_hz in [camera]",
+    "camera.driver": "a trial flies with the simulator's camera",
+    "camera.lens": ANOTHER_RIG,
+    "vision.height_table": ANOTHER_RIG,
+}
+"""Keys of a rig that an override can't change, and what to do instead."""
 
 
 def _is_number(value: Any) -> bool:
@@ -213,10 +223,13 @@ def overridden(path: Path, scenario: Scenario, rig: RigConfig) -> RigConfig:
     """The rig with the scenario's overrides.
 
     Raises:
-        ConfigError: A key that no rig has, or a value out of its limits.
+        ConfigError: A key that no rig has, one that a trial draws or reads elsewhere, or a value out of its limits.
     """
     data = rig.model_dump()
     for section, keys in scenario.override.items():
+        for key in (section, *(f"{section}.{key}" for key in keys)):
+            if key in SAID_ELSEWHERE:
+                raise ConfigError(f"{path}: override.{key} would change nothing", SAID_ELSEWHERE[key])
         table = data.get(section)
         if not isinstance(table, dict):
             known = ", ".join(sorted(name for name, value in data.items() if isinstance(value, dict)))

@@ -1,11 +1,13 @@
 """Configuration files: those that ship can be read, and each wrong one is refused in words that help to mend it."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from app.config import LensConfig, PadConfig, RigConfig, read_config, resolve
 from app.errors import ConfigError, LandmarkError
+from app.wiring import load_rig
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 RIG = """
@@ -103,12 +105,27 @@ def test_pad_at_another_size_scales_quiet_zone_and_offsets(write):
         ("[guidence]\nalign_yaw = true", ["guidence", "did you mean guidance"]),
         ("[safety]\nzzz = 1", ["safety.zzz", "known here", "track_stale_s"]),
         ("[guidance]\ntouchdown_speed_m_s = 9.0", ["guidance.touchdown_speed_m_s = 9.0", "less than or equal to 1"]),
-        ("[guidance]\ntouchdown_speed_m_s = 'fast'", ["guidance.touchdown_speed_m_s = 'fast'", "number"]),
+        ("[guidance]\ntouchdown_speed_m_s = 'fast'", ["guidance.touchdown_speed_m_s", "'fast' is no valid number"]),
         ("[mission]\nsearch_height_m = nan", ["mission.search_height_m = nan", "finite"]),
         ("[mission]\nlanding_tries = 2.5", ["mission.landing_tries = 2.5", "integer"]),
         ("[autopilot]\naddress = '127.0.0.1:14540'", ["autopilot.address = '127.0.0.1:14540'", "udpin"]),
         ("[guidance]\nmethod = 'px4'", ["guidance.method = 'px4'", "'velocity' or 'px4-precland'"]),
         ("[vision]\nmethod = 'guess'", ["vision.method = 'guess'", "'pnp' or 'paper'"]),
+        ("[mission]\nsearch_height_m = true", ["mission.search_height_m", "True is no valid number"]),
+        ("[mission]\nlanding_tries = true", ["mission.landing_tries", "True is no valid number"]),
+        ("[mission]\nsearch_height_m = '5'", ["mission.search_height_m", "'5' is no valid number"]),
+        ("[guidance]\nsearch_spacing_m = 0.001", ["guidance.search_spacing_m = 0.001", "greater than or equal to 0.3"]),
+        (
+            "[mission]\nsearch_height_m = 40.0\ntrack_height_m = 30.0",
+            ["mission.search_height_m = 40 must be under safety.height_max_m = 30", "mission.track_height_m = 30"],
+        ),
+        (
+            "[guidance]\ncommit_height_m = 3.0",
+            ["guidance.commit_height_m = 3 must be under mission.track_height_m = 2.5", "guidance.cone_height_m = 3"],
+        ),
+        ("[guidance]\ncone_radius_m = 0.05", ["touchdown_radius_m = 0.1 must be under guidance.cone_radius_m = 0.05"]),
+        ("[guidance]\nsearch_radius_m = 300", ["under safety.distance_from_home_max_m = 300"]),
+        ("[safety]\nframes_stale_s = 0.06", ["two frames of the camera, s = 0.0666667", "frames_stale_s = 0.06"]),
     ],
 )
 def test_rig_file_with_one_fault_is_refused_in_words_that_help(write, text, words):
@@ -204,6 +221,38 @@ def test_camera_file_with_the_wrong_number_of_coefficients_says_how_many(write, 
     text = LENS.replace("equidistant", model) + f"distortion = {coefficients}\n"
     with pytest.raises(ConfigError, match=f"a {model} lens takes {allowed} distortion coefficients"):
         read_config(write(text), LensConfig)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("cx_px = 319.5", "cx_px = 5000.0", "axis at cx_px, cy_px = 5000, 239.5 lies outside of the image of 640x480"),
+        ("cy_px = 239.5", "cy_px = -300.0", "axis at cx_px, cy_px = 319.5, -300 lies outside of the image"),
+        ("fx_px = 215.0", "fx_px = 0.001", "fx_px, fy_px = 0.001, 215 are not within 64..12800 pixels"),
+    ],
+)
+def test_camera_file_of_no_lens_is_refused(write, old, new, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        read_config(write(LENS.replace(old, new)), LensConfig)
+
+
+def test_camera_that_is_metres_off_the_vehicle_is_refused(write):
+    """Centimetres were meant."""
+    with pytest.raises(ConfigError, match=r"camera\.position_body_m\.0 = 10\.0.*less than or equal to 5"):
+        read_config(write(RIG + "position_body_m = [10.0, 0.0, 5.0]"), RigConfig)
+
+
+def test_paper_method_without_a_triangle_to_take_the_heading_from_is_refused(tmp_path):
+    """It would search with the pad in sight, and never fix it."""
+    (tmp_path / "pad.toml").write_text(PAD, encoding="utf-8")
+    (tmp_path / "lens.toml").write_text(LENS, encoding="utf-8")
+    rig = RIG.replace("pads/paper-38cm.toml", "pad.toml").replace("cameras/pi-fisheye-640.toml", "lens.toml")
+    path = tmp_path / "rig.toml"
+    path.write_text(rig + '[vision]\nmethod = "paper"\n', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"pad mine has none.*pnp"):
+        load_rig(path)
+    path.write_text(rig, encoding="utf-8")
+    assert load_rig(path).landmark.name == "mine"
 
 
 def test_resolve_takes_a_relative_path_from_the_file_that_names_it(tmp_path):

@@ -73,7 +73,7 @@ def view_of(lens: Lens, *, tilt_rad: float, offset: float) -> View:
         offset: How far off the pad's middle may lie, as a part of the view that the tilt leaves; 0 to under 1.
 
     Raises:
-        ConfigError: The tilt leaves nothing of the view, or the lens's axis lies outside of the image.
+        ConfigError: The tilt leaves nothing of the view, or the lens's axis lies at the image's border.
     """
     half_rad = half_angle_rad(lens)
     if half_rad - tilt_rad < NARROWEST_RAD:
@@ -91,14 +91,14 @@ def half_angle_rad(lens: Lens) -> float:
     """Angle from the lens's axis to the nearest point of the border of its image (or of the circle that it sees).
 
     Raises:
-        ConfigError: The axis lies outside of the image.
+        ConfigError: The axis lies at the image's border.
     """
     middle, _ = lens.project(np.array([[0.0, 0.0, 1.0]]))
     width, height = lens.size_px
     low, high = np.full(2, BORDER_PX), np.array([width, height]) - 1.0 - BORDER_PX
     if not ((middle[0] > low) & (middle[0] < high)).all():
         raise ConfigError(
-            f"the lens's axis at {middle[0, 0]:.1f}, {middle[0, 1]:.1f} px lies outside of the image of "
+            f"the lens's axis at {middle[0, 0]:.1f}, {middle[0, 1]:.1f} px lies at the border of the image of "
             f"{width}x{height}",
             "mend cx_px and cy_px in the camera file",
         )

@@ -56,6 +56,10 @@ def test_shipped_scenario_loads_and_draws_a_world(name):
         ("time_limit_s = 1", "time_limit_s = 1: Input should be greater than or equal to 10"),
         ("[override.guidance]\nspeed_max_m_s = 99", "override.guidance.speed_max_m_s = 99: Input should be less than"),
         ("[override.guidanze]\nspeed_max_m_s = 9", "unknown table [override.guidanze]"),
+        ("[override.simulator]\nwind_m_s = 15", "override.simulator would change nothing; the world is drawn"),
+        ("[override.mission]\nsearch_height_m = 9", "override.mission.search_height_m would change nothing"),
+        ("[override.camera]\nframe_rate_hz = 5", "change nothing; it is drawn: say it as rate_hz in [camera]"),
+        ("[override.camera]\nlens = 'x.toml'", "override.camera.lens would change nothing; name a rig that has it"),
     ],
 )
 def test_scenario_that_is_wrong_is_refused_in_one_line_that_names_file_key_and_limit(scenario_file, text, words):
