@@ -67,6 +67,8 @@ METERED_FRAMES = 8
 """Frames that wait for their detection, to be metered with it."""
 EXECUTOR_THREADS = 16
 """MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
+CLOSING_S = 20.0
+"""systemd waits this long for everything to be closed: the record alone may take 10 s. The hold's time comes on top."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +255,7 @@ class Application:
             tasks = [
                 group.create_task(run_telemetry(autopilot=autopilot, vehicle=self.vehicle), name="telemetry"),
                 group.create_task(self._supervise("pose", pose), name="pose"),
-                group.create_task(control, name="control"),
+                (steering := group.create_task(control, name="control")),
                 group.create_task(run_actions(requests=requests, results=results, autopilot=autopilot), name="actions"),
                 group.create_task(
                     run_operator(link=operator, commands=self.commands, answers=answers, texts=texts), name="operator"
@@ -264,6 +266,8 @@ class Application:
             if parts.recorder is not None:
                 record = partial(run_recorder, recorder=parts.recorder, recorded=self._recorded(), clock=parts.clock)
                 tasks.append(group.create_task(self._supervise("recorder", record, vital=False), name="recorder"))
+            # Its turns feed the watchdog. Whatever ends them, what follows may take longer than the watchdog waits.
+            steering.add_done_callback(lambda _: watchdog.stopping(self._hold_timeout_s + CLOSING_S))
             watchdog.ready()
             log.info("application.started", setpoint_rate_hz=config.autopilot.setpoint_rate_hz)
             await self._stop.wait()
@@ -336,6 +340,9 @@ class Application:
     async def _supervise(self, name: str, run: Callable[[], Awaitable[None]], *, vital: bool = True) -> None:
         await supervise(name, run, proven=lambda: self._last_frame.newest is not None, texts=self.texts, vital=vital)
 
+    @property
+    def _hold_timeout_s(self) -> float:
+        return 2 * self._parts.config.autopilot.action_timeout_s
+
     async def _hold(self, autopilot: Autopilot) -> None:
-        timeout_s = 2 * self._parts.config.autopilot.action_timeout_s
-        await hold_vehicle(autopilot, self._last_report.newest, self._last_vehicle.newest, timeout_s)
+        await hold_vehicle(autopilot, self._last_report.newest, self._last_vehicle.newest, self._hold_timeout_s)

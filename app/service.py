@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from app.debrief import RESULT, failed, files_of, own_folder, review, set_aside, write_result
-from app.errors import AlightError
+from app.errors import AlightError, ConfigError
 from app.flying import Plan, fly
 from app.log import get_logger
 from app.systemd import Watchdog
@@ -38,8 +38,8 @@ def run_rig(rig: Rig, out: Path | None, once: bool, console: Console) -> None:
         AlightError: Something doesn't open, or a critical part failed.
     """
     folder = out
-    if folder is None and rig.config.recorder.directory:
-        folder = Path(rig.config.recorder.directory) / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
+    if folder is None and (directory := record_directory(rig)) is not None:
+        folder = directory / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
     plan = Plan(rig.path.stem, rig, folder, once=once, logged=True)
     if folder is None:
         asyncio.run(fly(plan, console))
@@ -50,12 +50,35 @@ def run_rig(rig: Rig, out: Path | None, once: bool, console: Console) -> None:
             flown = asyncio.run(fly(plan, console))
         except AlightError as error:
             if plan.record is not None and plan.record.exists():
+                _ask_for_review_time()
                 write_result(folder, [failed(plan, error)])
             raise
-        Watchdog().busy(REVIEW_S)
+        _ask_for_review_time()
         _, entry = review(plan, flown)
         write_result(folder, [entry])
     log.info("flight.reviewed", folder=str(folder), outcome=entry["outcome"], reason=entry["reason"])
+
+
+def record_directory(rig: Rig) -> Path | None:
+    """Where a rig's flights are recorded, with ~ for the user's home; None for nowhere.
+
+    Raises:
+        ConfigError: It begins with the ~ of a user who isn't known.
+    """
+    directory = rig.config.recorder.directory
+    try:
+        return Path(directory).expanduser() if directory else None
+    except RuntimeError:
+        raise ConfigError(
+            f"{rig.path}: recorder.directory = {directory!r}: no such user's home", "give the folder's whole path"
+        ) from None
+
+
+def _ask_for_review_time() -> None:
+    """A long record takes longer to read than systemd waits for a service that is going down."""
+    watchdog = Watchdog()
+    watchdog.busy(REVIEW_S)
+    watchdog.close()
 
 
 async def check_rig(rig: Rig, seconds: float) -> list[Finding]:
@@ -101,9 +124,9 @@ async def _check_camera(rig: Rig, seconds: float) -> str:
 
 
 async def _check_record(rig: Rig, seconds: float) -> str:
-    if not rig.config.recorder.directory:
+    directory = record_directory(rig)
+    if directory is None:
         return "none is made: recorder.directory is empty"
-    directory = Path(rig.config.recorder.directory)
     with own_folder(directory):
         free_gb = shutil.disk_usage(directory).free / 1e9
         if free_gb < FREE_MIN_GB:

@@ -33,6 +33,14 @@ class Watchdog:
         """The service is starting or going down and needs this long for it."""
         self._send(b"EXTEND_TIMEOUT_USEC=%d" % round(seconds * 1e6))
 
+    def stopping(self, seconds: float) -> None:
+        """Nobody feeds the watchdog any more: the service is going down, and needs this long for it.
+
+        systemd then waits for its end instead: TimeoutStopSec, or as long as this, and kills it after that.
+        """
+        self._send(b"STOPPING=1")  # first: what is asked for before it is no time to stop in
+        self.busy(seconds)
+
     def close(self) -> None:
         """The service is going down."""
         self._send(b"STOPPING=1")

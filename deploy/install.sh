@@ -53,11 +53,13 @@ fi
 mkdir -p flights
 
 # ---- system
+joined=
 if [ -n "$system" ] && [ -n "$pi" ]; then
     for group in dialout video render; do
         if getent group "$group" >/dev/null && ! id -nG | grep -qw "$group"; then
-            say "adding $(id -un) to the group $group"
+            say "adding $(id -un) to the group $group, from the next login on"
             as_root usermod -aG "$group" "$(id -un)"
+            joined=1
         fi
     done
     if grep -qE 'console=(serial0|ttyAMA0|ttyS0)' /proc/cmdline; then
@@ -70,7 +72,9 @@ service=
 if [ -n "$system" ] && [ -d /run/systemd/system ]; then
     filled=$(mktemp)
     trap 'rm -f "$filled"' EXIT
-    sed -e "s|@USER@|$(id -un)|g" -e "s|@DIR@|$PWD|g" -e "s|@CONFIG@|$CONFIG|g" deploy/alight.service >"$filled"
+    deploy/unit.sh "$CONFIG" >"$filled"
+    # The one folder that the service may write to. If it can't be made, the check below says so.
+    mkdir -p "$(sed -n 's/^ReadWritePaths=-//p' "$filled")" 2>/dev/null || true
     if ! cmp -s "$filled" "$unit"; then
         say "installing the service alight"
         as_root install -m 644 "$filled" "$unit"
@@ -84,7 +88,12 @@ fi
 
 # ---- does it fly?
 say "installed $(cat .deployed 2>/dev/null || echo '(by hand)'); checking"
-if ! .venv/bin/alight check --config "$CONFIG"; then
+check=(.venv/bin/alight check --config "$CONFIG")
+if [ -n "$joined" ] && [ "$(id -u)" != 0 ]; then
+    # This session is older than that, and finds the devices shut; the service will not.
+    check=(as_root setpriv --reuid "$(id -u)" --regid "$(id -g)" --init-groups env HOME="$HOME" "${check[@]}")
+fi
+if ! "${check[@]}"; then
     say "installed, but the check found faults (above); mend them and run: .venv/bin/alight check --config $CONFIG"
     [ -z "$service" ] || say "then: sudo systemctl start alight"
     exit 1

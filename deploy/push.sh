@@ -34,7 +34,7 @@ rc=0
 set -eu
 die() { printf 'alight: %s\n' "$*" >&2; exit 2; }
 command -v rsync >/dev/null || die "rsync is missing on $(hostname); run there: sudo apt-get install rsync"
-# What is not in the checkout is deleted from DIR, so DIR must be ours.
+# Stale files are deleted from the code folders of DIR, so DIR must be ours.
 if [ -e "$DIR" ] && [ -n "$(ls -A "$DIR")" ] && ! grep -qs '^name = "alight"' "$DIR/pyproject.toml"; then
     die "$DIR on $(hostname) holds something else; give an empty or a new folder: make deploy DIR=..."
 fi
@@ -49,9 +49,23 @@ REMOTE
 [ "$rc" = 0 ] || exit "$rc"
 
 echo "alight: copying to $HOST:$DIR"
-# Rig, camera and pad files that were added on the Pi stay. What .gitignore names is neither copied nor deleted.
-rsync -a --delete --exclude=/.git --filter=':- .gitignore' --filter='P /configs/***' --filter='P /.deployed' \
-    -e "$(printf '%q ' "${ssh[@]}")" ./ "$HOST:$DIR/" || die "copying to $HOST:$DIR failed (see above)"
+# Compared by what is in the files, for a checkout gives them a new time. What .gitignore names stays here.
+copy=(rsync -a --checksum --exclude-from=.gitignore -e "$(printf '%q ' "${ssh[@]}")")
+# The project's own: there it is as it is here, and a file that is stale in one of these folders goes. Nothing else of
+# DIR is deleted: flight records, calibrations and rigs are made on the Pi.
+own=(app deploy docs drivers tests .ci .gitignore CHANGELOG.md LICENSE Makefile README.md pyproject.toml
+    requirements.lock requirements-dev.lock)
+"${copy[@]}" --delete "${own[@]}" "$HOST:$DIR/" || die "copying to $HOST:$DIR failed (see above)"
+# The rest, configs/ above all: where the Pi has another file of that name, that is kept beside the new one.
+kept=.before-$(date -u +%Y-%m-%dT%H-%M-%SZ)
+rc=0
+"${copy[@]}" --backup --suffix="$kept" --exclude=/.git --exclude=/.deployed "${own[@]/#/--exclude=/}" \
+    ./ "$HOST:$DIR/" || rc=$?
+{ "${ssh[@]}" "$HOST" "cd '$DIR' && find . -name .venv -prune -o -name '*$kept' -printf '%P\\n'" </dev/null || true; } |
+    while read -r old; do
+        echo "alight: $HOST had another ${old%"$kept"}; it is replaced, and kept there as $old"
+    done
+[ "$rc" = 0 ] || die "copying to $HOST:$DIR failed (see above)"
 version=$(git describe --always --dirty 2>/dev/null || echo unknown)
 
 terminal=()

@@ -70,7 +70,7 @@ def fly_scenario(rig: Rig, argument: str, seed: int, out: Path | None, console: 
     folder = out
     if folder is None:
         stamp = f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%SZ}"
-        folder = Path(rig.config.recorder.directory or "flights") / f"{path.stem}-{seed}-{stamp}"
+        folder = Path(rig.config.recorder.directory or "flights").expanduser() / f"{path.stem}-{seed}-{stamp}"
     drawn = replace(rig, config=trial.rig).with_world(in_px4s_world(trial.world, ours))
     more = {"scenario": path.stem, "seed": seed, "not_applied": not_applied, "folder": str(folder)}
     with own_folder(folder):

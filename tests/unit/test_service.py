@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
+import socket
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 from rich.console import Console
 
 from app import service
-from app.errors import AlightError
+from app.errors import AlightError, ConfigError
 from app.flying import Ended, Flown
-from app.service import run_rig
+from app.service import record_directory, run_rig
 from app.wiring import load_shipped_rig
+
+NOTHING = {"outcome": "none", "reason": None}
 
 
 @pytest.fixture
@@ -103,3 +109,60 @@ def test_run_that_does_not_get_as_far_as_a_record_leaves_no_folder(flown, rig, c
     with pytest.raises(AlightError, match="no autopilot"):
         run_rig(rig(""), tmp_path / "out", False, console)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """The user's home; the current directory is another one."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def test_run_records_into_a_directory_of_the_users_home(flown, rig, console, home):
+    plans = flown()
+    run_rig(rig("~/flights"), None, False, console)
+    assert plans[0].folder.parent == home / "flights"
+    assert list(Path.cwd().iterdir()) == []
+
+
+def test_check_looks_at_a_directory_of_the_users_home(rig, home):
+    home.mkdir()
+    found = asyncio.run(service._check_record(rig("~/flights"), 0.5))
+    assert found.startswith(f"{home}/flights: ")
+    assert list(Path.cwd().iterdir()) == []
+
+
+def test_directory_of_a_user_who_is_not_known_is_refused_by_name(rig):
+    with pytest.raises(ConfigError, match=r"recorder.directory = '~nobody-here/flights': no such user's home"):
+        record_directory(rig("~nobody-here/flights"))
+
+
+@pytest.fixture
+def heard(tmp_path, monkeypatch):
+    """What systemd has heard so far."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+
+        def words():
+            found = []
+            try:
+                while True:
+                    found.append(systemd.recv(200))
+            except BlockingIOError:
+                return found
+
+        yield words
+
+
+@pytest.mark.parametrize("end", [Ended.OVER, AlightError("the camera is gone", "plug it in")])
+def test_run_asks_systemd_for_time_before_it_reads_the_record(flown, rig, console, tmp_path, monkeypatch, heard, end):
+    before = []
+    monkeypatch.setattr(service, "review", lambda plan, flown: (before.extend(heard()), ({}, NOTHING))[1])
+    monkeypatch.setattr(service, "failed", lambda plan, error: (before.extend(heard()), NOTHING)[1])
+    flown(end)
+    with suppress(AlightError):
+        run_rig(rig(""), tmp_path / "out", False, console)
+    assert before == [b"EXTEND_TIMEOUT_USEC=120000000", b"STOPPING=1"]

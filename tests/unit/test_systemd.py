@@ -55,6 +55,13 @@ def test_watchdog_asks_for_time(systemd):
     watchdog.close()
 
 
+def test_watchdog_tells_that_the_service_is_stopping_before_it_asks_for_time_to_stop_in(systemd):
+    watchdog = Watchdog(systemd.address)
+    watchdog.stopping(30.0)
+    assert systemd.heard() == [b"STOPPING=1", b"EXTEND_TIMEOUT_USEC=30000000"]
+    watchdog.close()
+
+
 def test_watchdog_is_silent_once_closed(systemd):
     watchdog = Watchdog(systemd.address)
     watchdog.close()

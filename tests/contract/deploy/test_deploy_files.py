@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import configparser
+import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -71,7 +73,7 @@ def test_service_runs_the_rig_from_the_checkout_as_the_user(unit):
     service = unit["Service"]
     assert service["ExecStart"] == "@DIR@/.venv/bin/alight run --config @CONFIG@"
     assert (service["User"], service["WorkingDirectory"]) == ("@USER@", "@DIR@")
-    assert service["ReadWritePaths"] == "@DIR@/flights"
+    assert service["ReadWritePaths"] == "-@RECORDS@"
 
 
 def test_service_hides_no_device_of_the_camera_or_the_link(unit):
@@ -81,13 +83,75 @@ def test_service_hides_no_device_of_the_camera_or_the_link(unit):
     ] == []
 
 
+@pytest.fixture
+def filled(tmp_path):
+    """deploy/unit.sh in a checkout of its own, for a rig that records into a directory, as someone of /home/someone."""
+    (tmp_path / "deploy").mkdir()
+    (tmp_path / ".venv/bin").mkdir(parents=True)
+    for name in ("unit.sh", "alight.service"):
+        shutil.copy(DEPLOY / name, tmp_path / "deploy")
+    (tmp_path / ".venv/bin/python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    (tmp_path / ".venv/bin/python").chmod(0o755)
+
+    def fill(directory: str) -> subprocess.CompletedProcess[str]:
+        (tmp_path / "rig.toml").write_text(
+            f'pad = "{ROOT}/configs/pads/paper-38cm.toml"\n[recorder]\ndirectory = "{directory}"\n'
+            f'[camera]\ndriver = "synthetic"\nlens = "{ROOT}/configs/cameras/pi-fisheye-640.toml"\n'
+        )
+        return subprocess.run(
+            ["bash", tmp_path / "deploy/unit.sh", "rig.toml"],
+            env=os.environ | {"HOME": "/home/someone", "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    return fill
+
+
+@pytest.mark.parametrize(
+    ("directory", "writable"),
+    [
+        ("flights", "{checkout}/flights"),
+        ("", "{checkout}/flights"),
+        ("records/of-today", "{checkout}/records/of-today"),
+        ("/srv/alight", "/srv/alight"),
+        ("~/records", "/home/someone/records"),
+    ],
+)
+def test_service_may_write_where_the_rig_records(filled, tmp_path, directory, writable):
+    done = filled(directory)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("ReadWritePaths=")]
+    assert lines == [f"ReadWritePaths=-{writable.format(checkout=tmp_path)}"], done.stderr
+    assert re.search("@[A-Z]+@", done.stdout) is None
+
+
+@pytest.mark.parametrize(
+    ("directory", "words"),
+    [
+        ("/media/usb disk/flights", "/media/usb disk/flights: the service needs a path of letters"),
+        ("/srv/%h", "/srv/%h: the service needs a path of letters"),
+        ("/tmp/records", "/tmp/records: the service has temporary folders of its own"),
+    ],
+)
+def test_service_that_could_not_record_there_is_refused(filled, directory, words):
+    done = filled(directory)
+    assert (done.returncode, done.stdout, words in done.stderr) == (2, "", True), done.stderr
+
+
+def test_service_of_a_rig_with_a_fault_is_left_to_the_check(filled, tmp_path):
+    done = filled('x"\ny = "')
+    assert f"ReadWritePaths=-{tmp_path}/flights\n" in done.stdout, done.stderr
+
+
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd-analyze on this machine")
 def test_service_file_is_accepted_by_systemd(tmp_path):
     (tmp_path / ".venv/bin").mkdir(parents=True)
     (tmp_path / ".venv/bin/alight").write_text("#!/bin/sh\n")
     (tmp_path / ".venv/bin/alight").chmod(0o755)
     text = (DEPLOY / "alight.service").read_text()
-    for name, value in (("@USER@", "root"), ("@DIR@", str(tmp_path)), ("@CONFIG@", "configs/raspberry-pi.toml")):
+    values = {"@USER@": "root", "@DIR@": str(tmp_path), "@CONFIG@": "configs/rig.toml", "@RECORDS@": "/srv/flights"}
+    for name, value in values.items():
         text = text.replace(name, value)
     (tmp_path / "alight.service").write_text(text)
     done = subprocess.run(

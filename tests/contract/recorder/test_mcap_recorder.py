@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
+import os
+import queue
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +24,7 @@ from app.errors import RecorderError
 from app.messages import Detection, FlightMode, Frame, LandedState, SeenContour, VehicleState
 from app.ports import Recorder
 from app.review.record_reader import Recorded, read_record
+from drivers.recorder import mcap
 from drivers.recorder.mcap import McapRecorder
 
 
@@ -139,6 +145,7 @@ import asyncio, sys, time
 import numpy as np
 from pathlib import Path
 from app.messages import OperatorText, Frame
+from drivers.recorder import mcap
 from drivers.recorder.mcap import McapRecorder
 
 async def main():
@@ -161,6 +168,82 @@ def test_record_of_a_killed_process_reads_to_half_a_second_before_its_end(tmp_pa
         assert process.stdout.readline() == b"flushed\n"
         process.send_signal(signal.SIGKILL)
     assert [r.topic for r in read_record(path)] == ["texts", "frames"]
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> queue.Queue[tuple[str, int]]:
+    """For each time that a file is put onto the disk: by which thread, and how long the file is."""
+    times: queue.Queue[tuple[str, int]] = queue.Queue()
+    sync = os.fdatasync
+
+    def counting(file: int) -> None:
+        sync(file)
+        times.put((threading.current_thread().name, os.fstat(file).st_size))
+
+    monkeypatch.setattr(os, "fdatasync", counting)
+    monkeypatch.setattr(mcap, "FLUSH_S", 0.01)
+    return times
+
+
+async def test_record_is_put_onto_the_disk_while_it_is_written_by_a_thread_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, synced: queue.Queue[tuple[str, int]]
+) -> None:
+    monkeypatch.setattr(mcap, "SYNC_S", 0.02)
+    async with McapRecorder(tmp_path / "a.mcap") as recorder:
+        thread, empty = await asyncio.to_thread(synced.get, timeout=10.0)
+        recorder.write("vehicle", 1.0, state())
+        while (await asyncio.to_thread(synced.get, timeout=10.0))[1] == empty:
+            pass
+        (recorded,) = read_record(recorder.path)
+    assert (recorded.topic, thread) == ("vehicle", "recorder")
+
+
+async def test_record_is_put_onto_the_disk_when_it_is_closed_and_not_at_each_flush(
+    tmp_path: Path, synced: queue.Queue[tuple[str, int]]
+) -> None:
+    async with McapRecorder(tmp_path / "a.mcap") as recorder:
+        recorder.write("vehicle", 1.0, state())
+        while recorder.path.stat().st_size < 500:
+            await asyncio.sleep(0.01)
+    assert list(synced.queue) == [("recorder", recorder.path.stat().st_size)]
+
+
+@pytest.fixture
+def sync_fails(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Putting a file onto the disk fails with an error number: each try."""
+    tries: queue.Queue[int] = queue.Queue()
+
+    def set_to(number: int) -> queue.Queue[int]:
+        def failing(file: int) -> None:
+            tries.put(file)
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(os, "fdatasync", failing)
+        monkeypatch.setattr(mcap, "FLUSH_S", 0.01)
+        monkeypatch.setattr(mcap, "SYNC_S", 0.0)
+        return tries
+
+    return set_to
+
+
+async def test_record_in_a_file_that_needs_no_disk_goes_on(tmp_path: Path, sync_fails: Any) -> None:
+    tries = sync_fails(errno.EINVAL)
+    async with McapRecorder(tmp_path / "a.mcap") as recorder:
+        await asyncio.to_thread(tries.get, timeout=10.0)
+        await asyncio.to_thread(tries.get, timeout=10.0)
+        recorder.write("vehicle", 1.0, state())
+    assert [r.topic for r in read_record(tmp_path / "a.mcap")] == ["vehicle"]
+
+
+async def test_record_on_a_disk_that_fails_is_given_up_and_what_follows_is_dropped(
+    tmp_path: Path, sync_fails: Any
+) -> None:
+    sync_fails(errno.EIO)
+    async with McapRecorder(tmp_path / "a.mcap") as recorder:
+        assert recorder._thread is not None
+        await asyncio.to_thread(recorder._thread.join, 10.0)
+        recorder.write("vehicle", 1.0, state())
+    assert recorder.dropped == 1
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app import runtime
 from app.channels import Topic
 from app.clock import run_virtual
 from app.config import CameraConfig, ExposureConfig, LensConfig, RigConfig
@@ -29,6 +30,7 @@ from app.messages import (
 )
 from app.runtime import Application, Parts
 from app.supervision import RESTARTS_MAX
+from app.systemd import Watchdog
 from app.tasks.compute import in_place
 from app.vision.camera_model import lens_from_config
 from app.vision.exposure import ExposureSteering
@@ -340,3 +342,78 @@ def test_camera_that_fails_while_it_is_steered_is_started_again_and_steered_anew
     cameras = run_virtual(main(), start_s=100.0).cameras
     assert len(cameras) >= 2
     assert all(camera.told[0] is not None and camera.told[-1] is None for camera in cameras)
+
+
+WATCHDOG_S = 2.0
+"""WatchdogSec of deploy/alight.service."""
+
+
+@pytest.fixture
+def told(fakes: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, str]]:
+    """What systemd is told, and when."""
+    words: list[tuple[float, str]] = []
+
+    class Told(Watchdog):
+        def _send(self, message: bytes) -> None:
+            words.append((fakes.clock.now_s(), message.decode()))
+
+    monkeypatch.setattr(runtime, "Watchdog", lambda: Told(""))
+    return words
+
+
+def going_down_slowly(fakes: Any, monkeypatch: pytest.MonkeyPatch, end: Any) -> Bench:
+    """End an application that steers. PX4 takes 4 s to hold, the camera 3 s to close and the record 10 s."""
+
+    def closing(takes_s: float) -> Any:
+        async def close(port: Any, *reason: Any) -> None:
+            await asyncio.sleep(takes_s)
+            port.is_open = False
+
+        return close
+
+    monkeypatch.setattr(fakes.Camera, "__aexit__", closing(3.0), raising=False)
+    monkeypatch.setattr(fakes.Recorder, "__aexit__", closing(10.0), raising=False)
+
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        await asyncio.sleep(0.5)
+        await searching(bench)
+        bench.autopilot.takes_s = 4.0
+        end(bench, run)
+
+    return fly(fakes, scenario)[0]
+
+
+def telemetry_ends(bench: Bench, run: asyncio.Task[None]) -> None:
+    bench.autopilot.states_end_s = 0.0
+
+
+def is_cancelled(bench: Bench, run: asyncio.Task[None]) -> None:
+    run.cancel()
+
+
+def is_stopped(bench: Bench, run: asyncio.Task[None]) -> None:
+    bench.application.stop()
+
+
+@pytest.mark.parametrize("end", [telemetry_ends, is_cancelled, is_stopped])
+def test_application_that_goes_down_slowly_tells_systemd_before_the_watchdog_bites(
+    fakes: Any, monkeypatch: pytest.MonkeyPatch, told: list[tuple[float, str]], end: Any
+):
+    bench = going_down_slowly(fakes, monkeypatch, end)
+    fed_s = max(t_s for t_s, word in told if word == "WATCHDOG=1")
+    (stopping_s, _), (asked_s, asked), (ended_s, _) = told[-3:]
+    assert [word.partition("=")[0] for _, word in told[-3:]] == ["STOPPING", "EXTEND_TIMEOUT_USEC", "STOPPING"]
+    assert stopping_s - fed_s < WATCHDOG_S
+    assert stopping_s + 12.9 < ended_s < asked_s + float(asked.partition("=")[2]) / 1e6
+    assert bench.asked() == [A.OFFBOARD, A.HOLD]
+
+
+def test_watchdog_stays_on_as_long_as_the_control_loop_turns(
+    fakes: Any, monkeypatch: pytest.MonkeyPatch, told: list[tuple[float, str]]
+):
+    bench = going_down_slowly(fakes, monkeypatch, is_stopped)
+    held_s = bench.autopilot.actions[-1][0] + 4.0
+    stopping_s = min(t_s for t_s, word in told if word == "STOPPING=1")
+    assert stopping_s == pytest.approx(held_s, abs=0.05)
+    fed_s = [t_s for t_s, word in told if word in ("READY=1", "WATCHDOG=1")]
+    assert np.diff(fed_s).max() < 0.5
