@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 
 from app.channels import Topic
+from app.clock import LoopClock
 from app.errors import AlightError, AutopilotError
 from app.log import get_logger
 from app.messages import (
@@ -23,6 +24,8 @@ from app.ports import Autopilot, OperatorLink
 log = get_logger("supervision")
 
 RESTARTS_MAX = 5
+GOOD_RUN_S = 300.0
+"""A part that ran for so long is well again: its restarts are counted anew, and one hiccup a day ends nothing."""
 RESTART_AFTER_S = 1.0
 PILOTS_MODES = frozenset({FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION})
 """Whoever flies in one of these has the sticks in hand: an application that ends takes nothing from them."""
@@ -38,8 +41,8 @@ async def supervise(
     texts: Topic[OperatorText],
     vital: bool = True,
 ) -> None:
-    """Run a part that may fail: start it again a bounded number of times, then let its last error end all, or if it
-    isn't vital, go on without it.
+    """Run a part that may fail: start it again a bounded number of times without a good run in between, then let its
+    last error end all, or if it isn't vital, go on without it.
 
     Args:
         name: Of the part, for log and phone.
@@ -48,19 +51,24 @@ async def supervise(
         texts: To the phone.
         vital: Whether a flight needs it.
     """
-    for attempt in range(RESTARTS_MAX + 1):
+    clock, restarts = LoopClock(), 0
+    while True:
+        started_s = clock.now_s()
         try:
             await run()
             return
         except Exception as error:
-            if not proven() or (attempt == RESTARTS_MAX and vital):
+            if clock.now_s() - started_s >= GOOD_RUN_S:
+                restarts = 0
+            if not proven() or (restarts == RESTARTS_MAX and vital):
                 raise
-            if attempt == RESTARTS_MAX:
+            if restarts == RESTARTS_MAX:
                 log.error("part.given_up", part=name, error=str(error))
                 texts.publish(OperatorText(f"{name} failed for good", Severity.ERROR))
                 return
-            log.error("part.restarted", part=name, attempt=attempt + 1, error=str(error))
-            texts.publish(OperatorText(f"{name} failed, restart {attempt + 1}", Severity.ERROR))
+            restarts += 1
+            log.error("part.restarted", part=name, attempt=restarts, error=str(error))
+            texts.publish(OperatorText(f"{name} failed, restart {restarts}", Severity.ERROR))
             await asyncio.sleep(RESTART_AFTER_S)
 
 

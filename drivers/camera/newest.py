@@ -6,14 +6,18 @@ Both real cameras sit behind this: a blocking call for a frame on one side, an a
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import AsyncIterator, Callable
 
 from app.errors import CameraError
+from app.log import get_logger
 from app.messages import Frame
 
 STOP_S = 5.0
 """A blocking call may last this long; beyond it the thread is left to end by itself."""
+
+_log = get_logger("camera")
 
 
 class NewestFrame:
@@ -21,7 +25,8 @@ class NewestFrame:
 
     Args:
         grab: Waits a bounded time for a frame and returns it; None at the end of the source. Raises CameraError.
-        close: Releases the camera, on the same thread, whatever happened.
+        close: Releases the camera, on the same thread, whatever happened. The end of the frames is told before: the
+            release of a camera that has failed may fail too, or never return.
 
     Attributes:
         dropped: Frames that were overwritten unread.
@@ -44,10 +49,12 @@ class NewestFrame:
         self._thread.start()
 
     async def stop(self) -> None:
-        """Stop the thread and wait until the camera is released."""
+        """Stop the thread and wait until the camera is released, but not for ever."""
         self._stopping.set()
         self._end(None)
         await asyncio.to_thread(self._thread.join, STOP_S)
+        if self._thread.is_alive():
+            _log.error("camera.not_released", fault=f"it takes longer than {STOP_S:g} s")
 
     def wait_s(self, seconds: float) -> None:
         """For `grab`: wait, but not beyond a stop."""
@@ -85,11 +92,17 @@ class NewestFrame:
         except Exception as fault:
             error = CameraError(f"the camera failed ({type(fault).__name__}: {fault})", "see the log, and restart it")
         finally:
-            self._close()
             self._tell(self._end, error)
+            self._release()
+
+    def _release(self) -> None:
+        try:
+            self._close()
+        except Exception as fault:
+            _log.error("camera.not_released", fault=f"{type(fault).__name__}: {fault}")
 
     def _tell(self, call: Callable[..., None], *args: object) -> None:
-        if not self._loop.is_closed():
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody listens any more
             self._loop.call_soon_threadsafe(call, *args)
 
     # -------------------------------------------------------------------------------------------------- the event loop

@@ -34,6 +34,8 @@ MANUAL, AUTOMATIC = 1.0, 3.0
 """V4L2_EXPOSURE_MANUAL; V4L2_EXPOSURE_APERTURE_PRIORITY, in which a USB camera sets the time by itself."""
 SETTLING_FRAMES = 4
 """After a change, frames whose exposure isn't known: some are under way, some cameras take two or three more."""
+REFUSED_S = 10.0
+"""A device that did not take its exposure exposes by itself for so long, then it is told again."""
 
 _log = get_logger("camera")
 
@@ -66,6 +68,7 @@ class OpenCvCamera:
         self._told_s: float | None = None
         self._exposure_s: float | None = None
         self._settling = 0
+        self._again_s: float | None = None
 
     async def __aenter__(self) -> Self:
         """Open the source.
@@ -212,9 +215,14 @@ class OpenCvCamera:
             capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, before if before > 0 else AUTOMATIC)
 
     def _tell_exposure(self, capture: cv2.VideoCapture) -> None:
-        """Pass on what was asked for since the last frame, and note what the driver made of it."""
+        """Pass on what was asked for since the last frame, and note what the driver made of it.
+
+        If that can't be read back, the device goes back to automatic, and is told once more later: left in manual, it
+        would keep an exposure that nobody knows, and from whose frames no other can be worked out.
+        """
         wanted_s = self._wanted_s
-        if wanted_s == self._told_s or self._limits is None:
+        waits = wanted_s is not None and self._again_s is not None and time.monotonic() < self._again_s
+        if wanted_s == self._told_s or self._limits is None or waits:
             self._settling = max(0, self._settling - 1)
             return
         if wanted_s is None:
@@ -226,8 +234,14 @@ class OpenCvCamera:
             capture.set(cv2.CAP_PROP_EXPOSURE, max(1.0, round(wanted_s / EXPOSURE_UNIT_S)))
             self._exposure_s = capture.get(cv2.CAP_PROP_EXPOSURE) * EXPOSURE_UNIT_S
             if self._exposure_s <= 0.0:
-                _log.error("exposure.not_set", source=self._source, exposure_ms=1e3 * wanted_s)
-                self._exposure_s = None
+                if self._again_s is None:
+                    _log.error("exposure.not_set", source=self._source, exposure_ms=1e3 * wanted_s)
+                capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, AUTOMATIC)
+                self._exposure_s = wanted_s = None
+                self._again_s = time.monotonic() + REFUSED_S
+            elif self._again_s is not None:
+                _log.info("exposure.set_again", source=self._source, exposure_ms=1e3 * self._exposure_s)
+                self._again_s = None
         self._told_s = wanted_s
         self._settling = SETTLING_FRAMES
 

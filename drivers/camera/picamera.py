@@ -26,8 +26,11 @@ from app.messages import ExposureLimits, Frame
 from drivers.camera.newest import NewestFrame
 
 BUFFERS = 4
-FIRST_FRAME_S = 5.0
-NEXT_FRAME_S = 1.0
+FIRST_FRAME_S, FIRST_FRAMES = 5.0, 12
+"""A camera that gave none in this time, or in that of so many frames, won't: at its first start libcamera keeps back
+seven or eight, until its automatic exposure has settled."""
+NEXT_FRAME_S, NEXT_FRAMES = 1.0, 3
+"""The same once it has given one."""
 EXPOSURE_MIN_US = 100
 GAIN_MAX = 8.0
 BLANKING_S = 1e-3
@@ -125,7 +128,7 @@ class PiCamera:
         """Frames as they come: (height, width) grey.
 
         Raises:
-            CameraError: The camera is closed or stopped giving frames.
+            CameraError: The camera is closed, gives images of another size, or stopped giving any.
         """
         if self._reader is None:
             raise CameraError("the Pi camera is closed", "open it first")
@@ -209,19 +212,26 @@ class PiCamera:
 
     # --------------------------------------------------------------------------------------------- the camera's thread
     def _grab(self) -> Frame | None:
-        limit_s = NEXT_FRAME_S if self._sequence else FIRST_FRAME_S
+        least_s, frames = (NEXT_FRAME_S, NEXT_FRAMES) if self._sequence else (FIRST_FRAME_S, FIRST_FRAMES)
+        limit_s = max(least_s, frames / self._config.frame_rate_hz)
         try:
             request = self._camera.capture_request(wait=limit_s)
         except TimeoutError:
             raise CameraError(
-                f"the Pi camera gave no frame for {limit_s:g} s", "check the ribbon cable, and restart"
+                f"the Pi camera gave no frame for {limit_s:.3g} s", "check the ribbon cable, and restart"
             ) from None
         try:
             metadata: Mapping[str, Any] = request.get_metadata()
             planes = request.make_array("main")
         finally:
             request.release()
-        width, height = self._size_px
+        width, height = self._camera.stream_configuration("main")["size"]  # libcamera may have adjusted what was asked
+        if (width, height) != self._size_px:
+            raise CameraError(
+                f"the Pi camera: images are {width}x{height}, the lens file is for "
+                f"{self._size_px[0]}x{self._size_px[1]}",
+                "give the lens file of this image size",
+            )
         # YUV420: the first `height` rows are Y; a row may be longer than the image is wide.
         grey = np.ascontiguousarray(planes[:height, :width])
         exposure_us = float(metadata.get("ExposureTime", 0.0))
@@ -239,6 +249,8 @@ class PiCamera:
         )
 
     def _release(self) -> None:
+        """close() alone: it ends picamera2's event loop and then stops the camera by itself. stop() would ask that
+        loop, and wait for ever behind the request for a frame that never came (picamera2 issue 1264).
+        """
         camera, self._camera = self._camera, None
-        camera.stop()
         camera.close()

@@ -133,6 +133,7 @@ class Device:
         self._fixed = set() if takes_exposure else {cv2.CAP_PROP_EXPOSURE}
         self._fixed |= set() if manual else {cv2.CAP_PROP_AUTO_EXPOSURE}
         self.set_after: list[tuple[int, float]] = []
+        self.tells = True
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's own name
         return True
@@ -145,7 +146,7 @@ class Device:
         return True
 
     def get(self, name: int) -> float:
-        return self.properties.get(name, 0.0)
+        return self.properties.get(name, 0.0) if self.tells else 0.0
 
     def grab(self) -> bool:
         threading.Event().wait(0.005)
@@ -211,6 +212,41 @@ async def test_device_given_back_exposes_by_itself(plug_in: Any) -> None:
         camera.exposure_control.set_auto()
         await frame_that(camera, lambda f: f.exposure_s is None)
     assert device.properties[cv2.CAP_PROP_AUTO_EXPOSURE] == 3.0
+
+
+async def refused(camera: OpenCvCamera, device: Device) -> None:
+    """Tell an exposure of 2 ms that can't be read back, up to the first frame after it."""
+    known = len(device.set_after)
+    device.tells = False
+    camera.exposure_control.set_exposure(0.002, 1.0)
+    await frame_that(camera, lambda _: len(device.set_after) >= known + 2)
+    await frame_that(camera, lambda _: True)
+
+
+async def test_device_whose_exposure_cannot_be_read_back_exposes_by_itself(plug_in: Any) -> None:
+    device = Device()
+    async with plug_in(device) as camera:
+        await refused(camera, device)
+        mode, told = device.properties[cv2.CAP_PROP_AUTO_EXPOSURE], len(device.set_after)
+        after = await frame_that(camera, lambda _: True)
+        later = await frame_that(camera, lambda f: f.sequence > after.sequence + 10)
+    assert mode == 3.0
+    assert (later.exposure_s, later.gain) == (None, None)
+    assert len(device.set_after) == told
+
+
+async def test_device_whose_exposure_could_not_be_read_back_is_told_once_more_later(
+    plug_in: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.camera.opencv.REFUSED_S", 0.05)
+    device = Device()
+    async with plug_in(device) as camera:
+        await refused(camera, device)
+        device.tells = True
+        frame = await frame_that(camera, lambda f: f.exposure_s is not None)
+        mode = device.properties[cv2.CAP_PROP_AUTO_EXPOSURE]
+    assert (frame.exposure_s, frame.gain) == (pytest.approx(0.002), 1.0)
+    assert mode == 1.0
 
 
 @pytest.mark.parametrize("device", [Device(manual=False), Device(takes_exposure=False)], ids=["no manual", "fixed"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 import threading
 import time
@@ -20,7 +21,7 @@ from app.ports import Camera
 from drivers.camera.picamera import PiCamera, cap_exposure, mid_exposure_s
 
 SIZE_PX = (640, 480)
-STRIDE_PX = 704
+PADDING_PX = 64
 PERIOD_S = 0.02
 EXPOSURE_US = 4000
 
@@ -37,8 +38,9 @@ class Request:
 
     def make_array(self, name: str) -> np.ndarray:
         assert name == "main"
-        planes = np.full((SIZE_PX[1] * 3 // 2, STRIDE_PX), 255, np.uint8)
-        planes[: SIZE_PX[1], : SIZE_PX[0]] = self._number
+        width, height = self._owner.stream_configuration()["size"]
+        planes = np.full((height * 3 // 2, width + PADDING_PX), 255, np.uint8)
+        planes[:height, :width] = self._number
         return planes
 
     def release(self) -> None:
@@ -46,12 +48,16 @@ class Request:
 
 
 class FakePicamera2:
-    """Set `cameras`, `fault`, `frames` and `tunings` before it is made; made ones are in `made`."""
+    """Set `cameras`, `fault`, `frames`, `tunings` and `gives_px` before it is made; made ones are in `made`.
+
+    A request that timed out stays queued, and stop() waits in line behind it; close() ends the queue first.
+    """
 
     cameras: list[dict[str, Any]]
     fault: str | None
     frames: float
     tunings: dict[str, Any]
+    gives_px: tuple[int, int] | None
     made: list[FakePicamera2]
 
     @staticmethod
@@ -79,6 +85,8 @@ class FakePicamera2:
         self.controls: list[dict[str, Any]] = []
         self.camera_controls = {"ExposureTime": (150, 100_000, 20_000), "AnalogueGain": (1.1, 6.0, 1.1)}
         self.refuses = False
+        self.waits_s: list[float | None] = []
+        self.queued = False
         FakePicamera2.made.append(self)
 
     def create_video_configuration(self, **settings: Any) -> dict[str, Any]:
@@ -86,6 +94,9 @@ class FakePicamera2:
 
     def configure(self, configuration: dict[str, Any]) -> None:
         self.configuration = configuration
+
+    def stream_configuration(self, name: str = "main") -> dict[str, Any]:
+        return {"size": FakePicamera2.gives_px or self.configuration[name]["size"]}
 
     def set_controls(self, controls: dict[str, Any]) -> None:
         if self.refuses:
@@ -96,13 +107,21 @@ class FakePicamera2:
         self.calls.append("start")
 
     def stop(self) -> None:
+        if self.calls[-1] != "start":
+            return
+        if self.queued:
+            threading.Event().wait()
         self.calls.append("stop")
 
     def close(self) -> None:
+        self.queued = False
+        self.stop()
         self.calls.append("close")
 
     def capture_request(self, wait: float | None = None) -> Request:
+        self.waits_s.append(wait)
         if self.count >= FakePicamera2.frames:
+            self.queued = True
             raise TimeoutError
         threading.Event().wait(PERIOD_S)
         self.held += 1
@@ -117,6 +136,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[FakePicamera2]]:
     monkeypatch.setitem(sys.modules, "picamera2", module)
     FakePicamera2.cameras = [{"Model": "imx219", "Num": 0, "Id": "/base/soc/i2c0mux/i2c@1/imx219@10"}]
     FakePicamera2.fault, FakePicamera2.frames, FakePicamera2.made = None, float("inf"), []
+    FakePicamera2.gives_px = None
     agc = {"exposure_modes": {"normal": {"shutter": [100, 66666], "gain": [1.0, 8.0]}, "long": {}}}
     FakePicamera2.tunings = {"imx219.json": {"version": 2.0, "algorithms": [{"rpi.agc": agc}]}}
     yield FakePicamera2
@@ -170,13 +190,46 @@ async def test_pi_camera_without_a_tuning_file_runs_with_the_systems_own(fake: t
     assert fake.made[0].tuning is None
 
 
-async def test_pi_camera_that_stops_giving_frames_is_an_error(fake: type[FakePicamera2]) -> None:
+async def all_of(camera: Camera) -> None:
+    async with asyncio.timeout(5.0):
+        async for _ in camera.frames():
+            pass
+
+
+async def test_pi_camera_that_stops_giving_frames_is_an_error_and_is_released(fake: type[FakePicamera2]) -> None:
     fake.frames = 2
     async with pi_camera() as camera:
         with pytest.raises(CameraError, match="gave no frame for 1 s; check the ribbon cable"):
-            async for _ in camera.frames():
-                pass
+            await all_of(camera)
     assert fake.made[0].calls == ["start", "stop", "close"]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "first_s", "next_s"),
+    [(30.0, 5.0, 1.0), (2.0, 6.0, 1.5), (1.0, 12.0, 3.0)],
+    ids=["fast", "slow", "slowest"],
+)
+async def test_pi_camera_is_given_the_time_of_several_frames(
+    fake: type[FakePicamera2], rate_hz: float, first_s: float, next_s: float
+) -> None:
+    """Twelve to the first frame, three to each other; never less than 5 s and 1 s."""
+    fake.frames = 1
+    async with pi_camera(frame_rate_hz=rate_hz) as camera:
+        with pytest.raises(CameraError, match=f"gave no frame for {next_s:g} s"):
+            await all_of(camera)
+    assert fake.made[0].waits_s == [first_s, next_s]
+
+
+@pytest.mark.parametrize("gives_px", [(640, 400), (480, 480), (1280, 960)], ids=["lower", "narrower", "larger"])
+async def test_pi_camera_with_images_of_another_size_than_the_lens_is_refused(
+    fake: type[FakePicamera2], gives_px: tuple[int, int]
+) -> None:
+    fake.gives_px = gives_px
+    says = f"images are {gives_px[0]}x{gives_px[1]}, the lens file is for 640x480; give the lens file of this image"
+    async with pi_camera() as camera:
+        with pytest.raises(CameraError, match=says):
+            await all_of(camera)
+    assert fake.made[0].held == 0
 
 
 async def test_pi_camera_without_picamera2_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -241,6 +241,17 @@ def test_camera_that_does_not_tell_its_exposure_is_given_one_to_begin_with():
     assert bench.run(30).white == pytest.approx(205, abs=12)
 
 
+def test_camera_that_does_not_tell_its_exposure_for_a_while_is_steered_on_from_what_it_had():
+    """A device that refuses an exposure goes back to automatic, and is told its last one again later."""
+    bench = Bench().run(60)
+    told, last = len(bench.commands), bench.exposure
+    bench._tells, bench.level = False, 0.3
+    bench.run(60)
+    assert (len(bench.commands), bench.exposure) == (told, last)
+    bench._tells = True
+    assert bench.run(30).white == pytest.approx(205, abs=12)
+
+
 def test_black_that_would_drown_lifts_white_towards_saturation():
     plain = Bench(black_level=0).run(60)
     lifted = Bench(black_level=70).run(60)
