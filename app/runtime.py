@@ -54,7 +54,7 @@ from app.tasks.exposure import run_exposure
 from app.tasks.mission import MissionQueues, MissionSettings, run_mission
 from app.tasks.operator import run_operator
 from app.tasks.pose import FixMaker, run_pose
-from app.tasks.recorder import Recorded, run_recorder
+from app.tasks.recorder import Recorded, Thinned, run_recorder
 from app.tasks.telemetry import run_telemetry
 from app.vision.detector import Detector
 from app.vision.exposure import ExposureSteering
@@ -278,18 +278,15 @@ class Application:
                 task.cancel()
 
     def _recorded(self) -> tuple[Recorded, ...]:
-        topics: tuple[Topic[object], ...] = (  # type: ignore[assignment]  # a record takes every type
+        steady: tuple[Topic[object], ...] = (  # type: ignore[assignment]  # a record takes every type
             self.detections,
-            self.exposures,
             self.fixes,
             self.tracks,
             self.vehicle,
             self.turns,
             self.reports,
-            self.texts,
-            self.commands,
         )
-        others = tuple(Recorded(topic.name, topic.subscribe_window(256)) for topic in topics)
+        rare: tuple[Topic[object], ...] = (self.exposures, self.texts, self.commands)  # type: ignore[assignment]
         vehicle = self.vehicle.subscribe()
 
         def flying() -> bool:
@@ -298,7 +295,12 @@ class Application:
             in_mission = report is not None and report.phase not in (Phase.IDLE, Phase.LANDED)
             return in_mission or (vehicle.newest is not None and vehicle.newest.armed)
 
-        return (Recorded(self.frames.name, self.frames.subscribe_window(8), flying), *others)
+        clock = self._parts.clock
+        return (
+            Recorded(self.frames.name, self.frames.subscribe_window(8), flying),
+            *(Recorded(topic.name, topic.subscribe_window(256), Thinned(flying, clock)) for topic in steady),
+            *(Recorded(topic.name, topic.subscribe_window(256)) for topic in rare),
+        )
 
     async def _camera(self) -> None:
         async with AsyncExitStack() as stack:

@@ -11,6 +11,10 @@ from app.channels import Window
 from app.clock import Clock
 from app.ports import Recorder
 
+WAITING_EACH_S = 1.0
+AFTERWARDS_S = 10.0
+"""The motors' stop and what the mission says of it belong to the flight."""
+
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
@@ -25,6 +29,31 @@ class Recorded:
     topic: str
     items: Window[Any]
     wanted: Callable[[], bool] = lambda: True
+
+
+class Thinned:
+    """Wants everything of a flight and of a moment after it; of a wait, one message in a while. A service that waits
+    for a day would else make a record of gigabytes, which takes minutes to read.
+
+    Args:
+        flying: Whether it flies.
+        clock: The clock.
+    """
+
+    def __init__(self, flying: Callable[[], bool], clock: Clock) -> None:
+        self._flying = flying
+        self._clock = clock
+        self._all_until_s = self._next_s = float("-inf")
+
+    def __call__(self) -> bool:
+        """Whether the message that comes now is wanted."""
+        now_s = self._clock.now_s()
+        if self._flying():
+            self._all_until_s = now_s + AFTERWARDS_S
+        if now_s < self._next_s and now_s >= self._all_until_s:
+            return False
+        self._next_s = now_s + WAITING_EACH_S
+        return True
 
 
 async def run_recorder(*, recorder: Recorder, recorded: tuple[Recorded, ...], clock: Clock) -> None:
