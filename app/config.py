@@ -228,7 +228,6 @@ class GuidanceConfig(Section):
     yaw_rate_max_deg_s: float = Field(default=45.0, gt=0, le=180)
     align_yaw: bool = Field(default=True, description="turn to the pad's heading")
     actuation_delay_s: float = Field(default=0.2, ge=0, le=1, description="the track is predicted this far ahead")
-    velocity_lag_s: float = Field(default=0.5, ge=0, le=2, description="the vehicle's first order lag in velocity")
     cone_height_m: float = Field(default=3.0, gt=0, le=50, description="the paper's cone: 3 m high, 6 m across")
     cone_radius_m: float = Field(default=3.0, gt=0, le=50)
     touchdown_radius_m: float = Field(default=0.10, gt=0, le=2, description="radius of the cone at the commit height")

@@ -50,8 +50,14 @@ DELAY_SPEED_SIGMA_M_S = 0.7
 """As long as the pad's speed is less known than this the offset can't be told from it: their product is measured."""
 DELAY_FIXES = 10
 """Nothing is learnt of it from the first fixes of a track: what they are off by went into the pad's velocity."""
-SLOW_S = 0.5
-"""Time constant of the pad's velocity by which the offset is weighed."""
+SLOW_S = 4.0
+"""Time constant of the pad's velocity by which the offset is weighed: in a shorter one the noise of the last fixes is
+left, and against that of the next one it would pass for an offset."""
+FORGOTTEN_S = 4.0
+"""A track without a fix for so long is begun anew: where the pad was then proves nothing of what is seen now."""
+DOUBT = 2.0
+"""Where fixes contradict a track until it is begun anew, the offset may be what was wrong: its deviation grows by so
+much, and is as at the start at least."""
 DELAY_DRIFT_S = 0.5e-3
 """Random walk of the offset, a second to each root of a second."""
 
@@ -128,7 +134,7 @@ class TargetEstimator:
         A fix that is older than the track's last one is left out.
         """
         track = self._track
-        if track is None:
+        if track is None or fix.t_capture_s - track.t_last_fix_s > FORGOTTEN_S:
             return self._start(fix)
         if fix.t_capture_s <= track.t_capture_s:
             return track
@@ -144,16 +150,22 @@ class TargetEstimator:
         if distance2 > self._config.gate_sigma**2:
             rejected = track.fixes_rejected_in_row + 1
             if rejected >= self._config.rejections_before_restart:
+                self._doubt()
                 return self._start(fix)
             self._track = replace(track, fixes_rejected_in_row=rejected)
             return self._track
         gain = prior @ look.T @ np.linalg.inv(s_matrix)
-        variance = float(np.trace(predicted.covariance[3:, 3:]))
-        unsure = variance > DELAY_SPEED_SIGMA_M_S**2 or track.fixes_accepted < DELAY_FIXES
+        # Of the track, not of its prediction: with few frames a second that one is never sure.
+        unsure = (
+            float(np.trace(track.covariance[3:, 3:])) > DELAY_SPEED_SIGMA_M_S**2 or track.fixes_accepted < DELAY_FIXES
+        )
         if unsure or float(np.linalg.norm(fix.pad_from_vehicle_ned_m)) < DELAY_NEAREST_M:
             gain[6] = 0.0  # Schmidt's: what is known of it counts, nothing is learnt
         else:
-            # Where nothing moves, or the vehicle follows the pad, an offset doesn't show, and noise would pass for one.
+            # Where nothing moves, or the vehicle follows the pad, an offset doesn't show, and noise would pass for one;
+            # so would what the pad's velocity has changed by since.
+            changed = predicted.vel_ned_m_s - self._slow_vel_ned_m_s
+            variance = float(np.trace(predicted.covariance[3:, 3:]) + changed @ changed)
             gain[6] *= _shrunk(float(look[:, 6] @ look[:, 6]), variance)
         correction = gain @ innovation
         keep = np.eye(7) - gain @ look
@@ -223,12 +235,26 @@ class TargetEstimator:
             "lean_sigma_rad": math.sqrt(float(self._deck.covariance[0, 0])),
         }
 
+    def _doubt(self) -> None:
+        """The offset is less sure than it was taken to be."""
+        before = self._delay.variance_s2
+        if self._config.delay_sigma_s > 0.0:
+            after = min((DELAY_MAX_S / 2.0) ** 2, max(DOUBT**2 * before, self._config.delay_sigma_s**2))
+            self._delay = replace(self._delay, variance_s2=max(before, after))
+
     def _start(self, fix: PadFix) -> PadTrack:
         self._last_fix = fix
-        self._delay = replace(self._delay, with_track=np.zeros(6))
         self._slow_vel_ned_m_s = np.zeros(3)
+        self._deck = None
+        variance, with_track = self._delay.variance_s2, np.zeros(6)
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = fix.covariance_ned_m2
+        if fix.shift_ned_m_s is not None:
+            # The fix lies d (shift - v) off, and next to nothing is known of the pad's velocity v.
+            with_track[:3] = variance * fix.shift_ned_m_s
+            covariance[:3, :3] += np.outer(with_track[:3], fix.shift_ned_m_s)
+            covariance[:2, :2] += variance * VELOCITY_SIGMA_AT_START_M_S**2 * np.eye(2)
+        self._delay = replace(self._delay, with_track=with_track)
         covariance[3:, 3:] = np.eye(3) * VELOCITY_SIGMA_AT_START_M_S**2
         covariance[5, 5] = 1.0  # decks heave; nothing that can be landed on climbs at 5 m/s
         self._heading = _Heading.start(fix.pad_yaw_ned_rad, fix.yaw_sigma_rad)

@@ -47,8 +47,8 @@ HIGHLIGHT_OVER = 1.5
 """How many times more than full scale the light of what saturates is taken to be."""
 COVER_MAX = 0.3
 """A pad that covers less of the picture's middle leaves its median to the ground."""
-MOTION_FADE = 0.95
-"""The pad's motion in the image counts at once when it grows, and fades by this a frame when it shrinks."""
+MOTION_FADE_S = 0.65
+"""The pad's motion in the image counts at once when it grows, and fades with this time constant when it shrinks."""
 MOTION_GAP_S = 0.25
 """Between two detections farther apart than this no motion is read."""
 MARGIN = 1.25
@@ -167,7 +167,7 @@ class ExposureSteering:
             t_pad_s=t_s,
             t_s=t_s,
             centre_px=pad.centre_px,
-            motion_px_s=_motion(state, pad.centre_px, t_s),
+            motion_px_s=motion_px_s(state, pad.centre_px, t_s),
         )
 
     def _see_picture(self, state: ExposureState, picture_light: float, frame: Frame, total: float) -> ExposureState:
@@ -227,10 +227,13 @@ def _towards(old: float | None, new: float, share: float) -> float:
     return old * math.pow(new / old, share)
 
 
-def _motion(state: ExposureState, centre_px: Array, t_s: float) -> float | None:
+def motion_px_s(state: ExposureState, centre_px: Array, t_s: float) -> float | None:
     """How fast the pad's image moves, px/s: at once when it grows, fading when it shrinks."""
     gap_s = t_s - state.t_pad_s
-    if state.centre_px is None or not 0.0 < gap_s < MOTION_GAP_S:
+    if state.centre_px is None or gap_s <= 0.0:
         return state.motion_px_s
+    faded = None if state.motion_px_s is None else state.motion_px_s * math.exp(-gap_s / MOTION_FADE_S)
+    if gap_s >= MOTION_GAP_S:
+        return faded
     moved = float(np.linalg.norm(centre_px - state.centre_px)) / gap_s
-    return moved if state.motion_px_s is None else max(moved, MOTION_FADE * state.motion_px_s)
+    return moved if faded is None else max(moved, faded)

@@ -350,6 +350,98 @@ def test_no_offset_is_learnt_where_nothing_moves_or_the_vehicle_follows_the_pad(
     np.testing.assert_allclose(last.vel_ned_m_s, velocity, atol=0.3)
 
 
+def followed(seconds: float, path, rate_hz: float = 30.0) -> list[PadFix]:
+    """Fixes of a pad on a path (time -> position, velocity), 3 m under a vehicle that follows it exactly."""
+    noise, fixes = np.random.default_rng(4), []
+    for t in np.arange(round(seconds * rate_hz)) / rate_hz:
+        at, vel = (np.array(v) for v in path(t))
+        seen = (0.0, 0.0, 3.0) + 0.01 * noise.standard_normal(3)
+        told = fix(100.0 + t, tuple(at + seen), sigma_m=0.03, pad_from_vehicle_ned_m=seen)
+        heading = math.atan2(vel[1], vel[0])
+        fixes.append(replace(told, travelled_ned_m=at, shift_ned_m_s=vel, pad_yaw_ned_rad=heading))
+    return fixes
+
+
+def on_a_circle(t: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """6 m/s, radius 15 m."""
+    a = 6.0 / 15.0 * t
+    return (15.0 * math.cos(a), 15.0 * math.sin(a), 0.0), (-6.0 * math.sin(a), 6.0 * math.cos(a), 0.0)
+
+
+def stop_and_go(t: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Between 0 and 6 m/s, by 3 m/s^2: 2 s up, 2 s down."""
+    turns, part = divmod(t, 4.0)
+    if part < 2.0:
+        return (12.0 * turns + 1.5 * part**2, 0.0, 0.0), (3.0 * part, 0.0, 0.0)
+    left = 4.0 - part
+    return (12.0 * (turns + 1.0) - 1.5 * left**2, 0.0, 0.0), (3.0 * left, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("path", [on_a_circle, stop_and_go])
+def test_no_offset_is_learnt_from_a_pad_that_turns_or_brakes_under_a_vehicle_that_follows_it(path):
+    assert abs(run(TargetEstimator(CONFIG), followed(60.0, path)).delay_s) < 0.002
+
+
+def shaken(seconds: float, late_s: float, *, hertz: float, roll_rad: float, from_s: float = 100.0, fps: float = 30.0):
+    """Fixes of a pad at rest, 3 m under a vehicle that rolls to and fro in its place; frames are exposed so much later
+    than they say. A generator: it is sent the offset that the next fix is to be made with.
+    """
+    noise, w = np.random.default_rng(6), 2.0 * math.pi * hertz
+
+    def roll(t: float) -> float:
+        return roll_rad * math.sin(w * t)
+
+    delay_s = 0.0
+    for k in range(round(seconds * fps)):
+        t = from_s + k / fps
+        a = roll(t + delay_s) - roll(t + late_s)
+        way = 3.0 * np.array([0.0, -math.sin(a), math.cos(a)]) + 0.01 * noise.standard_normal(3)
+        turning = np.array([roll_rad * w * math.cos(w * (t + delay_s)), 0.0, 0.0])
+        told = fix(t + delay_s, tuple(way), sigma_m=0.03, pad_from_vehicle_ned_m=way, delay_s=delay_s)
+        delay_s = yield replace(told, travelled_ned_m=np.zeros(3), shift_ned_m_s=np.cross(turning, way))
+
+
+def settle(estimator: TargetEstimator, fixes) -> PadTrack:
+    one = next(fixes)
+    while True:
+        track = estimator.update(one)
+        try:
+            one = fixes.send(estimator.delay_s)
+        except StopIteration:
+            return track
+
+
+@pytest.mark.parametrize(
+    ("late_s", "hertz", "roll_rad", "fps"),
+    [(0.05, 4.0, 0.1, 30.0), (-0.05, 3.0, 0.1, 30.0), (0.03, 2.0, 0.15, 60.0), (0.04, 1.5, 0.1, 10.0)],
+)
+def test_offset_is_found_though_the_track_begins_while_the_vehicle_shakes(late_s, hertz, roll_rad, fps):
+    """Its first fixes contradict each other by up to 0.4 m, and few frames a second leave it unsure between them."""
+    last = settle(TargetEstimator(CONFIG), shaken(25.0, late_s, hertz=hertz, roll_rad=roll_rad, fps=fps))
+    assert last.delay_s == pytest.approx(late_s, abs=0.004)
+    assert last.fixes_accepted > 5.0 * fps
+    assert math.hypot(*last.vel_ned_m_s[:2]) < 0.3
+
+
+def test_offset_that_changes_is_found_anew():
+    """A camera that was started again: what was known to a millisecond is 70 off, and the track contradicts it."""
+    estimator = TargetEstimator(CONFIG)
+    settle(estimator, shaken(10.0, 0.03, hertz=2.0, roll_rad=0.15))
+    assert estimator.delay_s == pytest.approx(0.03, abs=0.004)
+    last = settle(estimator, shaken(25.0, -0.04, hertz=2.0, roll_rad=0.15, from_s=111.0))
+    assert last.delay_s == pytest.approx(-0.04, abs=0.004)
+
+
+@pytest.mark.parametrize(("gap_s", "goes_on"), [(3.9, True), (4.1, False), (60.0, False)])
+def test_track_without_a_fix_for_long_is_begun_anew_at_the_next(gap_s, goes_on):
+    """Else one fix of whatever it is would be a track that fifty fixes have proven."""
+    estimator = TargetEstimator(CONFIG)
+    fixes = driving(2.0, vel=(0.0, 0.0, 0.0))
+    before = run(estimator, fixes)
+    after = estimator.update(fix(fixes[-1].t_capture_s + gap_s, (0.02, 0.0, 0.0)))
+    assert after.fixes_accepted == (before.fixes_accepted + 1 if goes_on else 1)
+
+
 def test_an_offset_that_is_ruled_out_is_not_looked_for():
     estimator = TargetEstimator(CONFIG.model_copy(update={"delay_sigma_s": 0.0}))
     last = [estimator.update(one) for one in mistimed(0.04, 5.0, (0.0, 0.0, 0.0))][-1]

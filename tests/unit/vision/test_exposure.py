@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from app.config import ExposureConfig, LensConfig
 from app.landmark import paper_landmark
 from app.messages import Detection, ExposureLimits, Frame, LightSource, PlaneFit, SeenContour
 from app.vision.camera_model import lens_from_config
-from app.vision.exposure import ExposureState, ExposureSteering
+from app.vision.exposure import ExposureState, ExposureSteering, motion_px_s
 
 PAD = paper_landmark()
 LENS = LensConfig(model="pinhole", width_px=160, height_px=120, fx_px=150.0, fy_px=150.0, cx_px=79.5, cy_px=59.5)
@@ -269,3 +270,15 @@ def test_large_pad_that_is_gone_leaves_the_say_to_the_ground_as_it_was_seen_from
     bench.seen = False
     bench.run(30)
     assert bench.total == pytest.approx(over_pad, rel=0.35)
+
+
+@pytest.mark.parametrize("gap_s", [1.0 / 60.0, 1.0 / 30.0, 0.1, 0.2, 0.4])
+def test_motion_of_the_pads_image_fades_with_time_however_often_it_is_seen(gap_s):
+    """A wrong detection far away looked like 9000 px/s; the pad stands still since. After 2 s that is exp(-2 / 0.65)
+    of it; detections 0.4 s apart read no motion, but forget it all the same.
+    """
+    state = ExposureState(t_pad_s=0.0, centre_px=np.array([80.0, 60.0]), motion_px_s=9000.0)
+    while state.t_pad_s < 2.0 - 1e-6:
+        t_s = state.t_pad_s + gap_s
+        state = replace(state, motion_px_s=motion_px_s(state, np.array([80.0, 60.0]), t_s), t_pad_s=t_s)
+    assert state.motion_px_s == pytest.approx(9000.0 * math.exp(-state.t_pad_s / 0.65), rel=1e-6)
