@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 
 class Section(BaseModel):
@@ -18,5 +19,5 @@ class Section(BaseModel):
         """Pydantic would take true for 1 and "5" for 5."""
         field = cls.model_fields.get(info.field_name or "")
         if field is not None and field.annotation in (int, float) and isinstance(value, (bool, str)):
-            raise ValueError(f"{value!r} is no valid number")
+            raise PydanticCustomError("number", "must be a number")
         return value
