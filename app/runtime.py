@@ -286,7 +286,7 @@ class Application:
             self.turns,
             self.reports,
         )
-        rare: tuple[Topic[object], ...] = (self.exposures, self.texts, self.commands)  # type: ignore[assignment]
+        rare: tuple[Topic[object], ...] = (self.exposures, self.texts, self.commands)  # type: ignore[assignment]  # as above
         vehicle = self.vehicle.subscribe()
 
         def flying() -> bool:

@@ -31,17 +31,12 @@ import numpy as np
 from app.config import EstimationConfig
 from app.estimation.deck import DeckTilt
 from app.estimation.deck import start as start_deck
-from app.frames import Array, rotation_from_yaw, wrap_angle_rad
+from app.estimation.heading import Heading, shrunk
+from app.frames import Array, rotation_from_yaw
 from app.messages import PadFix, PadTrack
 
 VELOCITY_SIGMA_AT_START_M_S = 5.0
 """A pad that was just seen for the first time may drive at any speed that a vehicle can follow."""
-YAW_RATE_SIGMA_RAD_S2 = 0.3
-"""White angular acceleration of the pad: a car at 13.5 km/h on a bend of 30 m turns at 0.125 rad/s, within half a
-second of steering."""
-QUARTER_TURN_RAD = math.pi / 2.0
-STANDS_OUT_SIGMAS = 2.0
-"""A rate of turn, and a motion, counts by what it stands out of so many of its deviations."""
 DELAY_MAX_S = 0.1
 """No camera's time is further off; what looks so is something else."""
 DELAY_NEAREST_M = 0.4
@@ -60,33 +55,6 @@ DOUBT = 2.0
 much, and is as at the start at least."""
 DELAY_DRIFT_S = 0.5e-3
 """Random walk of the offset, a second to each root of a second."""
-
-
-def _shrunk(square: float, variance: float) -> float:
-    """What an estimate of this square is multiplied by so that noise counts for nothing (a positive-part James-Stein
-    estimate).
-    """
-    return 0.0 if square == 0.0 else max(0.0, 1.0 - STANDS_OUT_SIGMAS**2 * variance / square)
-
-
-@dataclass(frozen=True, slots=True)
-class _Heading:
-    """A two-state filter on heading and its rate: (2,) mean, (2, 2) covariance; headings left out in a row."""
-
-    mean: Array
-    covariance: Array
-    rejected: int = 0
-
-    @classmethod
-    def start(cls, yaw_rad: float, sigma_rad: float) -> _Heading:
-        """At rest, with a rate known to 0.5 rad/s."""
-        return cls(np.array([yaw_rad, 0.0]), np.diag([sigma_rad**2, 0.25]))
-
-    @property
-    def turn_rad_s(self) -> float:
-        """The rate, less what may be noise."""
-        rate, variance = float(self.mean[1]), float(self.covariance[1, 1])
-        return _shrunk(rate * rate, variance) * rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +76,7 @@ class TargetEstimator:
     def __init__(self, config: EstimationConfig) -> None:
         self._config = config
         self._track: PadTrack | None = None
-        self._heading = _Heading(np.zeros(2), np.eye(2))
+        self._heading = Heading(np.zeros(2), np.eye(2))
         self._last_fix: PadFix | None = None
         self._deck: DeckTilt | None = None
         self._delay = _Delay(0.0, config.delay_sigma_s**2, np.zeros(6))
@@ -166,7 +134,7 @@ class TargetEstimator:
             # so would what the pad's velocity has changed by since.
             changed = predicted.vel_ned_m_s - self._slow_vel_ned_m_s
             variance = float(np.trace(predicted.covariance[3:, 3:]) + changed @ changed)
-            gain[6] *= _shrunk(float(look[:, 6] @ look[:, 6]), variance)
+            gain[6] *= shrunk(float(look[:, 6] @ look[:, 6]), variance)
         correction = gain @ innovation
         keep = np.eye(7) - gain @ look
         posterior = keep @ prior @ keep.T + gain @ fix.covariance_ned_m2 @ gain.T  # Joseph's form
@@ -177,7 +145,10 @@ class TargetEstimator:
         dt_s = fix.t_capture_s - track.t_capture_s
         part = 1.0 if unsure else dt_s / (SLOW_S + dt_s)
         self._slow_vel_ned_m_s = self._slow_vel_ned_m_s + part * (velocity - self._slow_vel_ned_m_s)
-        yaw_rad, yaw_rate_rad_s = self._update_heading(fix, fix.t_capture_s - track.t_capture_s)
+        config = self._config
+        self._heading = self._heading.update(
+            fix.pad_yaw_ned_rad, fix.yaw_sigma_rad, dt_s, config.gate_sigma, config.rejections_before_restart
+        )
         self._last_fix = fix
         self._update_deck(fix)
         self._track = PadTrack(
@@ -185,8 +156,8 @@ class TargetEstimator:
             pos_ned_m=predicted.pos_ned_m + correction[:3],
             vel_ned_m_s=velocity,
             covariance=covariance,
-            yaw_ned_rad=yaw_rad,
-            yaw_rate_rad_s=yaw_rate_rad_s,
+            yaw_ned_rad=float(self._heading.mean[0]),
+            yaw_rate_rad_s=float(self._heading.mean[1]),
             t_last_fix_s=fix.t_capture_s,
             fixes_accepted=track.fixes_accepted + 1,
             turn_rate_rad_s=self._heading.turn_rad_s,
@@ -257,7 +228,7 @@ class TargetEstimator:
         self._delay = replace(self._delay, with_track=with_track)
         covariance[3:, 3:] = np.eye(3) * VELOCITY_SIGMA_AT_START_M_S**2
         covariance[5, 5] = 1.0  # decks heave; nothing that can be landed on climbs at 5 m/s
-        self._heading = _Heading.start(fix.pad_yaw_ned_rad, fix.yaw_sigma_rad)
+        self._heading = Heading.start(fix.pad_yaw_ned_rad, fix.yaw_sigma_rad)
         self._track = PadTrack(
             t_capture_s=fix.t_capture_s,
             pos_ned_m=fix.pad_pos_ned_m,
@@ -277,28 +248,6 @@ class TargetEstimator:
             return np.zeros(3)
         moved = (fix.pad_pos_ned_m - fix.pad_from_vehicle_ned_m) - (last.pad_pos_ned_m - last.pad_from_vehicle_ned_m)
         return moved - (fix.travelled_ned_m - last.travelled_ned_m)
-
-    def _update_heading(self, fix: PadFix, dt_s: float) -> tuple[float, float]:
-        step = np.array([[1.0, dt_s], [0.0, 1.0]])
-        q = YAW_RATE_SIGMA_RAD_S2**2
-        noise = q * np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
-        mean = step @ self._heading.mean
-        covariance = step @ self._heading.covariance @ step.T + noise
-        innovation = wrap_angle_rad(fix.pad_yaw_ned_rad - float(mean[0]))
-        s = float(covariance[0, 0]) + fix.yaw_sigma_rad**2
-        # A heading far off while the position fits is a mistaken quarter turn: leave it out, however unsure the filter
-        # has grown, for it would be taken for a rate of turn. If it lasts, the mistake was ours: start from it anew.
-        rejected = 0
-        if innovation**2 <= self._config.gate_sigma**2 * s and abs(innovation) <= QUARTER_TURN_RAD / 2:
-            gain = covariance[:, 0] / s
-            mean = mean + gain * innovation
-            covariance = covariance - np.outer(gain, covariance[0])
-        else:
-            rejected = self._heading.rejected + 1
-        self._heading = _Heading(np.array([wrap_angle_rad(float(mean[0])), float(mean[1])]), covariance, rejected)
-        if rejected >= self._config.rejections_before_restart:
-            self._heading = _Heading.start(fix.pad_yaw_ned_rad, fix.yaw_sigma_rad)
-        return float(self._heading.mean[0]), float(self._heading.mean[1])
 
 
 def predict(track: PadTrack, t_s: float, acceleration_m_s2: float = 0.0) -> PadTrack:
