@@ -57,7 +57,7 @@ own=(app deploy docs drivers tests .ci .gitignore CHANGELOG.md LICENSE Makefile 
     requirements.lock requirements-dev.lock)
 "${copy[@]}" --delete "${own[@]}" "$HOST:$DIR/" || die "copying to $HOST:$DIR failed (see above)"
 # The rest, configs/ above all: where the Pi has another file of that name, that is kept beside the new one.
-kept=.before-$(date -u +%Y-%m-%dT%H-%M-%SZ)
+kept=.before-$(date -u +%Y-%m-%dT%H-%M-%SZ)-$$  # two pushes within a second keep their own
 rc=0
 "${copy[@]}" --backup --suffix="$kept" --exclude=/.git --exclude=/.deployed "${own[@]/#/--exclude=/}" \
     ./ "$HOST:$DIR/" || rc=$?
