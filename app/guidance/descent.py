@@ -7,7 +7,7 @@ Here the cone narrows to the touchdown circle at the commit height.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,9 @@ many times what is allowed at the commit,"""
 RELEASE_ABOVE_M = 0.28
 """... as long as the vehicle's centre is this high over the pad: PX4 needs 0.1 m to end a sink of 0.6 m/s, and below
 that a climb would drag the feet over the deck."""
+TOUCHED_BELOW_M = 0.45
+"""A contact that is felt with the vehicle's centre this low is the deck's: legs of up to 30 cm, and what PX4's height
+has drifted. Higher, a gust held the vehicle up."""
 STRICT, STRICT_FOR_S = 0.6, 3.0
 """At first a commit asks for this part of the touchdown radius, and for all of it after so long at the commit height:
 between gusts there are calmer moments, and in half a second of sinking a gust moves the vehicle by some centimetres."""
@@ -48,11 +51,14 @@ class Descent:
         in_cone: Descent is allowed.
         committed: The landing is to be finished; high enough it is taken back if it would miss.
         waiting_since_s: Since when it is at the commit height and not committed.
+        touched: The deck has been felt: the commit is not taken back any more. The shock of a touchdown puts PX4's
+            velocity wrong by 0.4 m/s for seconds (measured), and with it every figure that a commit is judged by.
     """
 
     in_cone: bool = False
     committed: bool = False
     waiting_since_s: float | None = None
+    touched: bool = False
 
 
 def predicted_error_m(error_ne_m: Array, relative_ne_m_s: Array) -> float:
@@ -86,6 +92,8 @@ def step_descent(
     """
     at_touchdown_m = error_m if predicted_m is None else predicted_m
     calm = lean_rad <= math.radians(config.deck_lean_max_deg)
+    if memory.touched:
+        return memory
     if memory.committed:
         off = at_touchdown_m > RELEASE_FACTOR * config.touchdown_radius_m
         fast = relative_speed_m_s > RELEASE_FACTOR * config.commit_speed_m_s
@@ -103,6 +111,11 @@ def step_descent(
         and calm
     )
     return Descent(in_cone=in_cone, committed=ready, waiting_since_s=since_s)
+
+
+def feel_deck(memory: Descent, height_m: float, *, contact: bool) -> Descent:
+    """The next memory, from what the contact monitor says at this height above the pad."""
+    return replace(memory, touched=memory.touched or (memory.committed and contact and height_m <= TOUCHED_BELOW_M))
 
 
 def sink_speed_m_s(memory: Descent, height_m: float, config: GuidanceConfig) -> float:

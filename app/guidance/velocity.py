@@ -15,7 +15,7 @@ import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
-from app.guidance.descent import Descent, predicted_error_m, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, feel_deck, predicted_error_m, sink_speed_m_s, step_descent
 from app.guidance.gusts import Gusts, step_gusts
 from app.guidance.limits import approach, closing_speed_m_s, limit_norm
 from app.guidance.pad_memory import PadMemory, is_finite
@@ -124,6 +124,7 @@ class VelocityController:
             # What presses the vehicle onto the pad is no measure of how it would fall beside it.
             sink = min(float(setpoint.vel_ned_m_s[2] - relative.pad.vel_ned_m_s[2]), self._guidance.touchdown_speed_m_s)
             self._contact = step_contact(self._contact, sink, relative.relative_sink_m_s, now_s)
+            self._descent = feel_deck(self._descent, relative.height_m, contact=self._contact.contact)
         else:
             self._contact = Contact()
         return setpoint, replace(self._status(goal, relative, vehicle, now_s), frame_s=frame_s)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.config import GuidanceConfig
-from app.guidance.descent import Descent, cone_radius_m, predicted_error_m, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, cone_radius_m, feel_deck, predicted_error_m, sink_speed_m_s, step_descent
 
 CONFIG = GuidanceConfig(
     cone_height_m=3.0,
@@ -127,6 +127,24 @@ def test_commit_near_the_deck_outlasts_everything(height_m):
 def test_commit_that_would_miss_is_taken_back_while_it_is_high_enough(speed_m_s, predicted_m, lean_deg, kept):
     found = step_descent(COMMITTED, 0.05, 0.29, speed_m_s, CONFIG, 100.0, predicted_m, math.radians(lean_deg))
     assert found.committed is kept
+
+
+@pytest.mark.parametrize(
+    ("height_m", "contact", "kept"),
+    [
+        pytest.param(0.44, True, True, id="felt the deck"),
+        pytest.param(0.46, True, False, id="held up by a gust"),
+        pytest.param(0.44, False, False, id="felt nothing"),
+    ],
+)
+def test_commit_that_felt_the_deck_outlasts_the_wrong_figures_that_come_of_it(height_m, contact, kept):
+    felt = feel_deck(COMMITTED, height_m, contact=contact)
+    later = feel_deck(felt, 0.6, contact=False)
+    assert step_descent(later, 1.0, 0.6, 2.0, CONFIG, 100.0, 1.0, 0.2).committed is kept
+
+
+def test_contact_before_the_commit_is_not_the_deck():
+    assert feel_deck(Descent(in_cone=True), 0.1, contact=True) == Descent(in_cone=True)
 
 
 def test_sink_once_committed_is_the_touchdown_speed_all_the_way():

@@ -235,6 +235,17 @@ def test_landing_that_sinks_towards_the_pad_is_no_contact_and_one_that_sinks_wit
     assert run(steering, goal, deck, sinks, seconds=2.0, from_s=100.02)[-1][1].contact is contact
 
 
+@pytest.mark.parametrize(("rest_s", "kept"), [(1.5, True), (0.0, False)])
+def test_landing_that_felt_the_pad_is_not_taken_back_by_what_the_touchdown_made_of_px4s_figures(rest_s, kept):
+    """A velocity that is 0.45 m/s wrong ends the contact, and the place and the height run off with it."""
+    steering, goal = committed()
+    rests = lambda t: vehicle(t, (0.0, 0.0, -0.1))  # noqa: E731  # short enough to read where it is used
+    run(steering, goal, lambda t: pad(t), rests, seconds=rest_s, from_s=100.02)
+    wrong = lambda t: vehicle(t, (0.5, 0.0, -0.6), (0.0, 0.0, 0.45))  # noqa: E731  # short enough to read where it is used
+    _, status = run(steering, goal, lambda t: pad(t), wrong, seconds=0.4, from_s=100.02 + rest_s)[-1]
+    assert (status.committed, status.contact) == (kept, False)
+
+
 def test_landing_begun_anew_is_not_committed():
     steering, goal = committed()
     high = vehicle(100.02, (0.0, 0.0, -2.0))
