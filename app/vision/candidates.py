@@ -36,9 +36,9 @@ PARTIAL_REACHES_PX = (12.0, 6.0)
 RING_REACHES_PX = (12.0, 8.0, 5.0, FINE_REACH_PX)
 PARTIAL_POINTS = 12
 PARTIAL_SHARE = 0.6
-EASY_PX = 3.2
-"""A landmark whose edges were as near as this to where they were expected is followed in one step."""
-FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX)
+EASY_PX = 0.6
+"""What follows a landmark has arrived with a fine look that moved no edge further than this: it leaves a tenth of it."""
+FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX, FINE_REACH_PX)
 FOLLOWED_SHARE = 0.8
 """With fewer of its edges found a fit may have settled beside it, and wider steps are due."""
 MORE_STEPS = 3

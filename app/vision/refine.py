@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from app.frames import Array
 from app.messages import Image
 from app.vision.camera_model import Lens
-from app.vision.geometry import LandmarkGeometry
+from app.vision.geometry import SAMPLES_PER_SIDE, LandmarkGeometry
 
 STEPS = 9
 """Grey values across a side."""
@@ -37,6 +37,8 @@ WIDE_PX = 2.0
 """With this much room black and white are seen as they are."""
 NARROWEST_PX = 1.2
 """A side with less room is not measured."""
+MOST_HIDDEN = 0.6
+"""Part of an edge's distance that blur may hide; a ramp from end to end hides all of it."""
 MIN_CONTRAST = 8.0
 CONTRAST_PART = 0.2
 """An edge must have this part of the median contrast of all: in the shade it is fainter."""
@@ -53,7 +55,7 @@ BIAS_SIGMA_PX = 0.3
 """What all black may be large by, in the image."""
 SCATTER_MIN_PX = 0.05
 """Edge points never are better than this."""
-SOFT = 0.25
+SOFT = 0.5
 """While edges are sought far off, those that lie this part of the way are not outliers yet."""
 NEARLY_ALL = 0.9
 RELINEARISE_PX = 3.2
@@ -117,9 +119,9 @@ class EdgeFit:
     edges: Edges
 
 
-def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Where profiles (STEPS, n) that rise from black to white cross a level (n,), in -1..1, nearest to the middle, and
-    whether they do.
+def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Where profiles (STEPS, n) that rise from black to white cross a level (n,), in -1..1, nearest to the middle;
+    whether they do; and how much they rise from the grey before to the grey after it.
     """
     below = rising < level
     crosses = below[:-1] & ~below[1:]
@@ -132,7 +134,7 @@ def _crossings(rising: Array, level: Array) -> tuple[Array, NDArray[np.bool_]]:
     before, after = rising[at, columns], rising[at + 1, columns]
     rise = np.where(found, after - before, 1.0)
     where = _S[at] + (level - before) / rise * (2.0 / (STEPS - 1))
-    return where, found
+    return where, found, rise
 
 
 _NEAREST = np.argsort(np.abs(np.arange(STEPS - 1) - (_HALF - 0.5)), kind="stable")
@@ -245,18 +247,36 @@ def _measure(image: Image, lines: _Lines, shift: Array | None, points: _Points, 
             middle = _median((points.sign * level)[clear])
             held = np.minimum(np.maximum(points.sign * middle, low + 0.1 * contrast), high - 0.1 * contrast)
             level = np.where(wide, level, held)
-    where, crosses = _crossings(rising, level)
+    where, crosses, rise = _crossings(rising, level)
     step = _BOTH_SIDES @ rising
     step_part = STEP_PART if reach_px <= FINE_REACH_PX else FAR_STEP_PART
     found = in_view & crosses & (contrast >= MIN_CONTRAST) & (step >= step_part * contrast)
     if found.any():
         found &= contrast >= CONTRAST_PART * _median(contrast[found])
-    offset = where * reach
+    offset = where * _stretch(rising, rise, found & wide) * reach
     if shift is not None:
         offset += shift
     return _Measured(np.where(found, offset, 0.0), found, in_view, contrast, level * points.sign)
 
 
+def _stretch(rising: Array, rise: Array, wide: NDArray[np.bool_]) -> Array:
+    """(n,) how much further out an edge lies than its profile says, where blur reaches over the profile's ends.
+
+    Black and white are taken for what both ends show. While an edge lies d outside the middle one end is nearer to it,
+    and half way between them is no longer half way up: with E' the edge's slope it is seen at d less the integral of
+    g = (E'(-reach) + E'(reach)) / (2 E'(0)) over d. The ends' geometric mean stands for g where d was nothing. All of
+    a side's points have one blur, so one g; narrow sides don't use their ends' greys.
+    """
+    slopes = np.concatenate([_AT_ENDS @ rising, rise[None]]) * wide
+    inner, outer, middle = np.maximum(slopes.reshape(3, -1, SAMPLES_PER_SIDE).sum(axis=2), 0.0)
+    ends = 0.25 * (inner + outer) + 0.5 * np.sqrt(inner * outer)
+    part = np.minimum(ends, MOST_HIDDEN * middle) / np.maximum(middle, 1e-9)
+    return np.where(wide, np.repeat(1.0 / (1.0 - part), SAMPLES_PER_SIDE), 1.0)
+
+
+_AT_ENDS = np.zeros((2, STEPS))
+_AT_ENDS[0, :3], _AT_ENDS[1, -3:] = (-1.5, 2.0, -0.5), (0.5, -2.0, 1.5)
+"""Takes a profile to its slopes at both ends, per step: what its last two steps rise, carried on by half a step."""
 _BOTH_SIDES = np.concatenate([np.full(_HALF, -1.0), [0.0], np.full(_HALF, 1.0)]) / _HALF
 """Takes a profile to the mean of its outer part less that of its inner part."""
 
@@ -416,7 +436,11 @@ def fit_edges(
         moved = float(np.abs((shift if before is None else shift - before)[measured.in_view]).max(initial=0.0))
         limit = AGREES_PX + lines.unit_px * points.slack
         good = measured.found & (np.abs(solved.residual) <= limit)
-        if moved < easy_px and np.count_nonzero(good) >= NEARLY_ALL * np.count_nonzero(measured.in_view):
+        if (
+            reach <= FINE_REACH_PX
+            and moved < easy_px
+            and np.count_nonzero(good) >= NEARLY_ALL * np.count_nonzero(measured.in_view)
+        ):
             break
     if measured is None or solved is None or lines is None:
         return None

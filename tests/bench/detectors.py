@@ -43,6 +43,7 @@ class Answer:
         translation: (3,) metres, or None.
         detect_ms: Processor time of the detection.
         pose_ms: Processor time of the pose.
+        covariance: (6, 6) of the translation, and of a turn about the camera's axes, rad; None: it claims none.
     """
 
     corners_px: Array | None
@@ -50,6 +51,7 @@ class Answer:
     translation: Array | None
     detect_ms: float
     pose_ms: float
+    covariance: Array | None = None
 
 
 class Contestant(Protocol):
@@ -104,7 +106,7 @@ class Alight:
             return Answer(corners, None, None, *times)
         pad = cam_from_pad(pose)
         points = np.column_stack([CORNERS_M, np.zeros(4)]) @ pad.rotation.T + pad.translation
-        return Answer(self._optics.project(points), pad.rotation, pad.translation, *times)
+        return Answer(self._optics.project(points), pad.rotation, pad.translation, *times, pose.covariance)
 
 
 class Peer:

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from detectors import Answer
 from optics import Array
@@ -37,6 +38,11 @@ class Verdict:
         yaw_deg: Error of the heading.
         detect_ms: Processor time.
         pose_ms: Processor time.
+        incidence_deg: Between the line of sight to the marker's middle and the normal of its plane.
+        motion_px: How far the marker moves in the image during the exposure.
+        place_square: Square of the translation's error over the covariance that is claimed for it, a degree of freedom:
+            1 in the mean where the claim is honest. Not a number where there is no claim.
+        pose_square: The same of all six.
     """
 
     name: str
@@ -50,6 +56,20 @@ class Verdict:
     yaw_deg: float
     detect_ms: float
     pose_ms: float
+    incidence_deg: float = math.nan
+    motion_px: float = math.nan
+    place_square: float = math.nan
+    pose_square: float = math.nan
+
+
+def _squares(answer: Answer, truth: Truth) -> tuple[float, float]:
+    """Verdict.place_square and pose_square."""
+    if answer.covariance is None or answer.rotation is None or answer.translation is None:
+        return math.nan, math.nan
+    turned = cv2.Rodrigues(answer.rotation @ truth.rotation.T)[0].ravel()
+    error = np.concatenate([answer.translation - truth.translation, turned])
+    place, pose = (float(error[:n] @ np.linalg.solve(answer.covariance[:n, :n], error[:n])) / n for n in (3, 6))
+    return place, pose
 
 
 def _corner_error(corners: Array, truth: Truth) -> float:
@@ -96,6 +116,11 @@ def judge(case: Case, answer: Answer) -> Verdict:
         yaw,
         answer.detect_ms,
         answer.pose_ms,
+        math.degrees(
+            math.acos(float(true.rotation[:, 2] @ true.translation) / float(np.linalg.norm(true.translation)))
+        ),
+        math.hypot(*case.scene.motion_px),
+        *_squares(answer, true),
     )
 
 

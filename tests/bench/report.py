@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from detectors import ENTRIES
 from judge import Verdict, rate, summary
 
@@ -107,6 +108,59 @@ def error_table(results: Results, names: list[str]) -> str:
     return _table(head, rows)
 
 
+CHI2_95 = {"place": 7.815 / 3, "pose": 12.592 / 6}
+"""What 95% of honest squares a degree of freedom stay under: chi squared of 3 and 6 degrees of freedom."""
+CLAIM_WORDS = "An honest covariance has 95 in the band, a mean of 1.00 and medians of 0.79 (place) and 0.89 (pose).\n"
+SIDES = ((0.0, 25.0), (25.0, 60.0), (60.0, 200.0), (200.0, math.inf))
+INCIDENCES = ((0.0, 15.0), (15.0, 30.0), (30.0, 90.0))
+MOTIONS = ((0.0, 1.0), (1.0, 2.5), (2.5, math.inf))
+
+
+def _between(name: str, limits: tuple[tuple[float, float], ...], unit: str) -> dict[str, Callable[[Verdict], bool]]:
+    """A row for each stretch of a figure of the verdicts."""
+
+    def inside(low: float, high: float) -> Callable[[Verdict], bool]:
+        return lambda v: low <= getattr(v, name) < high
+
+    words = [f"{low:g}..{high:g} {unit}" if math.isfinite(high) else f"over {low:g} {unit}" for low, high in limits]
+    return {word: inside(*pair) for word, pair in zip(words, limits, strict=True)}
+
+
+def claim_table(results: Results, name: str) -> str:
+    """How honest a detector's covariance is: its errors as a part of it, in all frames that were right."""
+    right = [v for by_name in results.values() for v in by_name.get(name, []) if v.outcome == "right"]
+    right = [v for v in right if math.isfinite(v.pose_square)]
+    if not right:
+        return ""
+    rows: dict[str, Callable[[Verdict], bool]] = {
+        "stills": lambda v: not v.set_name.startswith("seq-"),
+        "sequences": lambda v: v.set_name.startswith("seq-"),
+        **_between("side_px", SIDES, "px side"),
+        **_between("incidence_deg", INCIDENCES, "deg aslant"),
+        **_between("motion_px", MOTIONS, "px of motion"),
+    }
+    head = [f"{ENTRIES[name].title}: error over covariance", "frames", "place, in the 95% band %", "place, mean square"]
+    head += ["place, median", "pose, in the 95% band %", "pose, median"]
+    cells = []
+    for word, fits in rows.items():
+        those = [v for v in right if fits(v)]
+        place, pose = np.array([v.place_square for v in those]), np.array([v.pose_square for v in those])
+        if not those:
+            continue
+        cells.append(
+            [
+                word,
+                str(len(those)),
+                f"{100.0 * np.mean(place < CHI2_95['place']):.0f}",
+                f"{place.mean():.2f}",
+                f"{np.median(place):.2f}",
+                f"{100.0 * np.mean(pose < CHI2_95['pose']):.0f}",
+                f"{np.median(pose):.2f}",
+            ]
+        )
+    return _table(head, cells)
+
+
 def _by_kind(verdict: Verdict) -> str:
     return verdict.kind
 
@@ -142,6 +196,8 @@ def report(results: Results, names: list[str], count: int, unseen: bool, took_s:
         else:
             parts += ["\n", kind_table(set_name, verdicts, _by_kind)]
     parts += ["\n", error_table(results, names)]
+    claims = claim_table(results, "alight")
+    parts += ["\n", claims, CLAIM_WORDS] if claims else []
     return "".join(parts)
 
 

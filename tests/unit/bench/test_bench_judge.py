@@ -12,6 +12,7 @@ import pytest
 from detectors import ENTRIES, Answer, planar_pose
 from judge import judge, summary
 from optics import lens
+from report import claim_table
 from scenes import attitude, translation_at, truth
 from sets import draw
 from store import Case, load
@@ -60,6 +61,33 @@ def test_answer_three_percent_too_far_has_that_error(case):
     truth_ = case.truth
     verdict = judge(case, Answer(truth_.corners_px, truth_.rotation, truth_.translation * 1.03, 1.0, 0.5))
     assert verdict.distance == pytest.approx(0.03)
+
+
+def test_error_of_a_claimed_deviation_in_each_direction_has_a_square_of_one(case):
+    sigma = np.array([0.01, 0.02, 0.03, 0.1, 0.1, 0.1])
+    turn = cv2.Rodrigues(np.full(3, 0.1))[0]
+    place = case.truth.translation + sigma[:3]
+    answer = Answer(case.truth.corners_px, turn @ case.truth.rotation, place, 1.0, 0.5, np.diag(sigma**2))
+    verdict = judge(case, answer)
+    assert (verdict.place_square, verdict.pose_square) == pytest.approx((1.0, 1.0))
+    doubled = judge(case, replace(answer, translation=place + sigma[:3]))
+    assert (doubled.place_square, doubled.pose_square) == pytest.approx((4.0, 2.5))
+
+
+def test_answer_that_claims_nothing_has_no_square(case):
+    assert math.isnan(judge(case, turned(case, 0.0)).pose_square)
+
+
+def test_table_of_claims_counts_what_is_in_the_band(case):
+    right = judge(case, turned(case, 0.0))
+    squares = [replace(right, place_square=p, pose_square=p, side_px=s) for p, s in ((0.5, 20), (2.2, 20), (3.0, 300))]
+    rows = claim_table({"cone": {"alight": squares}}, "alight").splitlines()
+    cells = {row.split("|")[1].strip(): [c.strip() for c in row.split("|")[2:-1]] for row in rows[2:]}
+    # 95% of chi squared: 2.605 a degree for three, 2.099 for six.
+    assert cells["stills"] == ["3", "67", "1.90", "2.20", "33", "2.20"]
+    assert cells["0..25 px side"][:2] == ["2", "100"]
+    assert cells["over 200 px side"][:2] == ["1", "0"]
+    assert "sequences" not in cells
 
 
 def test_nothing_seen_is_missed_and_counts_in_the_rate(case):

@@ -373,8 +373,8 @@ def test_picture_whose_white_is_saturated_is_not_taken_for_a_turned_one(scene, m
 
 
 def test_fit_that_goes_to_and_fro_between_two_answers_is_refused(scene, maps, monkeypatch):
-    # A start found by trying 1,500: from it the robust fit ends 1.6 px beside the truth with nine tenths of its edges.
-    rng = np.random.default_rng(1347)
+    # A start found by trying 5,000: from it the robust fit ends 3.7 px beside the truth with most of its edges.
+    rng = np.random.default_rng(435)
     side_px = rng.uniform(65, 150)
     height_m = scene.pinhole.f * 0.38 / side_px
     view = scene.view(
@@ -385,7 +385,7 @@ def test_fit_that_goes_to_and_fro_between_two_answers_is_refused(scene, maps, mo
         roll_deg=rng.uniform(-8, 8),
         pitch_deg=rng.uniform(-8, 8),
     )
-    start = maps.off_by(view, rng.uniform(2, 8), side_px, seed=1347)
+    start = maps.off_by(view, rng.uniform(2, 8), side_px, seed=435)
     image = scene.draw(view, lens=scene.pinhole)
     look, reaches_px = maps.look_at(image, scene.pinhole), (4.0, 3.5, 3.0, 2.2)
     with monkeypatch.context() as without:

@@ -32,6 +32,18 @@ def test_map_that_is_off_comes_back_to_a_part_of_a_pixel(scene, maps, lens_name,
     assert fit.edges.bent < 0.01
 
 
+@pytest.mark.parametrize("blur_px", [0.5, 1.0, 1.6])
+@pytest.mark.parametrize("side_px", [90, 150])
+def test_edge_that_blur_takes_out_of_its_profile_is_seen_where_it_is_in_two_looks(scene, maps, side_px, blur_px):
+    """Profiles of 2.2 px to either side end in the blur; what follows a landmark begins a pixel or two beside it."""
+    h = height_m(scene.pinhole, side_px)
+    view = scene.view(h, forward_m=0.05 * h, right_m=-0.08 * h, pad_yaw_deg=25, roll_deg=6, pitch_deg=-4)
+    start = maps.off_by(view, 2.0, side_px, seed=side_px)
+    image = scene.draw(view, lens=scene.pinhole, blur_px=blur_px, noise=1.0)
+    fit = fitted(maps, image, start, scene.pinhole, reaches=(4.5, 2.2))
+    assert maps.rms_px(fit.rays_from_pad, view, scene.pinhole) < 0.1
+
+
 @pytest.mark.parametrize("height", [0.3, 0.2])
 def test_landmark_larger_than_the_image_is_fitted_to_what_shows(scene, maps, height):
     view = scene.view(height, forward_m=0.03, right_m=0.05, pad_yaw_deg=20)
