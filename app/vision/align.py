@@ -26,8 +26,8 @@ from app.vision.template import BLUR_SIGMA_PX2, GRADIENT_SIGMA, PATCH_EXTENT, PS
 
 STEPS = 8
 SMALL_STEP = 0.002
-"""In half sides of the patch: with a smaller step the alignment has settled. Under blur a step leaves a third of itself,
-and of a landmark of 20 px this is 0.03 px."""
+"""In half sides of the patch: with a smaller step the alignment has settled. Under blur a step leaves a third of
+itself; at 20 px this is 0.03 px."""
 PERSPECTIVE_WEIGHT = 0.05
 """Holds the two perspective terms near what they are unless the patch says otherwise, as a part of the information
 that the patch has on its shift."""

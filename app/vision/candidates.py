@@ -37,7 +37,7 @@ RING_REACHES_PX = (12.0, 8.0, 5.0, FINE_REACH_PX)
 PARTIAL_POINTS = 12
 PARTIAL_SHARE = 0.6
 EASY_PX = 0.6
-"""What follows a landmark has arrived with a fine look that moved no edge further than this: it leaves a tenth of it."""
+"""A fine look at a followed landmark that moved no edge further is the last: a tenth of that is left."""
 FOLLOW_REACHES_PX = (4.5, FINE_REACH_PX, FINE_REACH_PX)
 FOLLOWED_SHARE = 0.8
 """With fewer of its edges found a fit may have settled beside it, and wider steps are due."""
