@@ -15,7 +15,7 @@ import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
 from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
-from app.guidance.descent import Descent, feel_deck, predicted_error_m, sink_speed_m_s, step_descent
+from app.guidance.descent import Descent, feel_deck, predicted_error_m, sink_speed_m_s, step_descent, touchdown_in_s
 from app.guidance.gusts import Gusts, step_gusts
 from app.guidance.limits import approach, closing_speed_m_s, limit_norm
 from app.guidance.pad_memory import PadMemory, is_finite
@@ -273,7 +273,9 @@ class VelocityController:
                 config,
                 now_s,
                 predicted_error_m(relative.error_ne_m, relative.relative_ne_m_s),
-                relative.pad.lean_rad(max(0.0, relative.height_m - FEET_M) / config.touchdown_speed_m_s),
+                relative.pad.lean_rad(
+                    touchdown_in_s(relative.height_m - FEET_M, relative.relative_sink_m_s, config.touchdown_speed_m_s)
+                ),
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)

@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.config import GuidanceConfig
-from app.guidance.descent import Descent, cone_radius_m, feel_deck, predicted_error_m, sink_speed_m_s, step_descent
+from app.guidance.descent import (
+    Descent,
+    cone_radius_m,
+    feel_deck,
+    predicted_error_m,
+    sink_speed_m_s,
+    step_descent,
+    touchdown_in_s,
+)
 
 CONFIG = GuidanceConfig(
     cone_height_m=3.0,
@@ -108,6 +116,21 @@ def test_predicted_error_adds_what_the_relative_velocity_does_in_a_third_of_a_se
 @pytest.mark.parametrize(("lean_deg", "committed"), [(3.9, True), (4.1, False)])
 def test_commit_waits_for_a_calm_deck(lean_deg, committed):
     assert step_descent(WAITED, 0.0, 0.49, 0.0, CONFIG, 100.0, 0.0, math.radians(lean_deg)).committed is committed
+
+
+@pytest.mark.parametrize(
+    ("clear_m", "sink_m_s", "seconds"),
+    [
+        pytest.param(0.36, 0.6, 0.6, id="sinking already"),
+        pytest.param(0.36, 0.0, 1.0, id="at rest: 0.4 s until it sinks"),
+        pytest.param(0.36, 0.3, 0.8, id="half way there"),
+        pytest.param(0.36, -0.5, 1.0, id="the deck falls away"),
+        pytest.param(0.36, 1.5, 0.6, id="the deck comes up: the command slows it"),
+        pytest.param(-0.1, 0.6, 0.0, id="on it"),
+    ],
+)
+def test_touchdown_is_expected_after_the_way_down_and_the_lag(clear_m, sink_m_s, seconds):
+    assert touchdown_in_s(clear_m, sink_m_s, 0.6) == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize("height_m", [0.28, 0.1, -1.0])
