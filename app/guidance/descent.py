@@ -24,6 +24,9 @@ many times what is allowed at the commit,"""
 RELEASE_ABOVE_M = 0.28
 """... as long as the vehicle's centre is this high over the pad: PX4 needs 0.1 m to end a sink of 0.6 m/s, and below
 that a climb would drag the feet over the deck."""
+UNSEEN_S = 0.3
+"""Three frames of a slow camera. A pad that has not been seen for longer says nothing about a height that has grown
+since: near the deck a wrong vertical velocity of 0.4 m/s looks like a climb."""
 TOUCHED_BELOW_M = 0.45
 """A contact that is felt with the vehicle's centre this low is the deck's: legs of up to 30 cm, and what PX4's height
 has drifted. Higher, a gust held the vehicle up."""
@@ -54,6 +57,7 @@ class Descent:
         in_cone: Descent is allowed.
         committed: The landing is to be finished; high enough it is taken back if it would miss.
         waiting_since_s: Since when it is at the commit height and not committed.
+        low: Committed, it was so low that nothing was to take the commit back.
         touched: The deck has been felt: the commit is not taken back any more. The shock of a touchdown puts PX4's
             velocity wrong by 0.4 m/s for seconds (measured), and with it every figure that a commit is judged by.
     """
@@ -61,6 +65,7 @@ class Descent:
     in_cone: bool = False
     committed: bool = False
     waiting_since_s: float | None = None
+    low: bool = False
     touched: bool = False
 
 
@@ -92,6 +97,7 @@ def step_descent(
     now_s: float,
     predicted_m: float | None = None,
     lean_rad: float = 0.0,
+    unseen_s: float = 0.0,
 ) -> Descent:
     """The next memory.
 
@@ -104,6 +110,7 @@ def step_descent(
         now_s: The clock's time.
         predicted_m: Error at touchdown; None: as now.
         lean_rad: Of the deck at touchdown.
+        unseen_s: How long ago the pad was seen. What has been low is not high again because of dead reckoning.
     """
     at_touchdown_m = error_m if predicted_m is None else predicted_m
     calm = lean_rad <= math.radians(config.deck_lean_max_deg)
@@ -113,7 +120,8 @@ def step_descent(
         off = at_touchdown_m > RELEASE_FACTOR * config.touchdown_radius_m
         fast = relative_speed_m_s > RELEASE_FACTOR * config.commit_speed_m_s
         leans = lean_rad > RELEASE_FACTOR * math.radians(config.deck_lean_max_deg)
-        return Descent() if (off or fast or leans) and height_m > RELEASE_ABOVE_M else memory
+        high = height_m > RELEASE_ABOVE_M and not (memory.low and unseen_s > UNSEEN_S)
+        return Descent() if (off or fast or leans) and high else replace(memory, low=not high)
     radius_m = cone_radius_m(height_m, config)
     in_cone = error_m <= (radius_m if memory.in_cone else ENTER_FRACTION * radius_m)
     low = in_cone and height_m <= config.commit_height_m

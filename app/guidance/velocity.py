@@ -276,6 +276,7 @@ class VelocityController:
                 relative.pad.lean_rad(
                     touchdown_in_s(relative.height_m - FEET_M, relative.relative_sink_m_s, config.touchdown_speed_m_s)
                 ),
+                now_s - relative.pad.t_last_fix_s,
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)

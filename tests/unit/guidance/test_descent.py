@@ -135,7 +135,21 @@ def test_touchdown_is_expected_after_the_way_down_and_the_lag(clear_m, sink_m_s,
 
 @pytest.mark.parametrize("height_m", [0.28, 0.1, -1.0])
 def test_commit_near_the_deck_outlasts_everything(height_m):
-    assert step_descent(COMMITTED, 99.0, height_m, 99.0, CONFIG, 100.0, 99.0, 1.0) == COMMITTED
+    assert step_descent(COMMITTED, 99.0, height_m, 99.0, CONFIG, 100.0, 99.0, 1.0).committed
+
+
+@pytest.mark.parametrize(
+    ("was_m", "unseen_s", "kept"),
+    [
+        pytest.param(0.2, 0.4, True, id="low and not seen since: a wrong velocity, not a climb"),
+        pytest.param(0.2, 0.1, False, id="low, and seen to be high again"),
+        pytest.param(0.4, 0.4, False, id="never low"),
+    ],
+)
+def test_commit_that_was_low_is_taken_back_by_what_is_seen_alone(was_m, unseen_s, kept):
+    before = step_descent(COMMITTED, 0.0, was_m, 0.0, CONFIG, 100.0)
+    assert before.committed
+    assert step_descent(before, 1.0, 0.35, 3.7, CONFIG, 100.02, 1.0, unseen_s=unseen_s).committed is kept
 
 
 @pytest.mark.parametrize(

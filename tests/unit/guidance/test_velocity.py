@@ -246,6 +246,19 @@ def test_landing_that_felt_the_pad_is_not_taken_back_by_what_the_touchdown_made_
     assert (status.committed, status.contact) == (kept, False)
 
 
+def test_landing_on_ground_while_the_pad_drives_on_ends_in_contact_and_not_in_a_go_round():
+    """What PX4's simulation of a moving pad does at touchdown (recorded): its ground stands, the pad drives out of
+    sight, and its vertical velocity is 0.4 m/s wrong, so that the pad seems to sink away.
+    """
+    steering, goal = committed()
+    last = pad(100.02, (0.0, 0.0, 0.0), (3.5, 0.0, 0.43))
+    stands = lambda t: vehicle(t, (0.0, 0.0, -0.15), (0.0, 0.0, 0.36))  # noqa: E731  # short enough to read where it is used
+    turns = run(steering, goal, last, stands, seconds=1.5, from_s=100.04)
+    assert max(status.height_above_pad_m for _, status in turns) > 0.6  # well above where a commit is taken back
+    assert all(status.committed for _, status in turns)
+    assert turns[-1][1].contact
+
+
 def test_landing_begun_anew_is_not_committed():
     steering, goal = committed()
     high = vehicle(100.02, (0.0, 0.0, -2.0))
