@@ -28,6 +28,9 @@ SAME_ORDER_S = 0.5
 """The same order unconfirmed within this time came over a second route."""
 RETRANSMISSION_S = 10.0
 """A retransmission is this much younger than its order at most."""
+OBEYED_AGAIN = frozenset({OperatorAction.HOLD, OperatorAction.ABORT})
+"""Orders that stop the vehicle: one that may be a second order whose first copy was lost is obeyed. What came between,
+another phone's order maybe, must not go on because the same was said seconds ago."""
 
 Sender = tuple[int, int]
 
@@ -119,7 +122,7 @@ class Conversations:
         asked = (action, height_m, drives)
         if before is not None and (before.order.action, before.order.height_m, before.order.pad_drives_ne_m_s) == asked:
             age_s = now_s - before.order.t_s
-            confirmed = int(fields.get("confirmation", 0)) > 0
+            confirmed = int(fields.get("confirmation", 0)) > 0 and action not in OBEYED_AGAIN
             if before.pending or age_s < SAME_ORDER_S or (confirmed and age_s < RETRANSMISSION_S):
                 return Decision(ack=before.ack)
         return self._begin(OperatorCommand(now_s, action, height_m, sender, next(self._numbers), drives))

@@ -107,6 +107,20 @@ def test_order_that_comes_twice_is_given_twice_only_when_it_is_a_new_one(
     assert second.ack.result is (CommandResult.IN_PROGRESS if again else final)
 
 
+@pytest.mark.parametrize("action", [OperatorAction.HOLD, OperatorAction.ABORT])
+def test_order_that_stops_the_vehicle_is_obeyed_again_though_it_may_be_a_retransmission(
+    conversations: Conversations, action: OperatorAction
+) -> None:
+    other = (254, 190)
+    first = conversations.take(order(float(action)), PHONE, 10.0)
+    assert first.command is not None
+    conversations.answer(CommandAnswer(first.command.number, CommandResult.ACCEPTED), 10.1)
+    assert conversations.take(order(1.0), other, 12.0).command is not None  # somebody else lets it land
+    second = conversations.take(order(float(action), confirmation=1), PHONE, 15.0)  # whose first copy was lost
+    assert second.command is not None
+    assert second.command.action is action
+
+
 def test_order_with_another_height_is_a_new_one(conversations: Conversations) -> None:
     conversations.take(order(2.0, 2.5), PHONE, 10.0)
     assert conversations.take(order(2.0, 3.0), PHONE, 10.1).command is not None
