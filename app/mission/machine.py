@@ -37,7 +37,7 @@ def step(state: MissionState, inputs: MissionInputs, now_s: float, config: Missi
 
 
 def _follow_frame(state: MissionState, inputs: MissionInputs) -> MissionState:
-    """Carry home and the goal's anchor over a jump of PX4's local frame."""
+    """Carry home and the goal's anchor over a jump of PX4's local frame; the pad's way is measured anew."""
     vehicle, before = inputs.vehicle, state.jumps.vehicle
     if vehicle is None:
         return state
@@ -47,7 +47,7 @@ def _follow_frame(state: MissionState, inputs: MissionInputs) -> MissionState:
     jump_m = state.jumps.since(before.t_capture_s)
     goal = replace(state.goal, anchor_ned_m=state.goal.anchor_ned_m + jump_m, frame_s=vehicle.t_capture_s)
     home = None if state.home_ned_m is None else np.array(state.home_ned_m + jump_m)
-    return replace(state, goal=goal, home_ned_m=home)
+    return replace(state, goal=goal, home_ned_m=home, watch=None)
 
 
 def _decide(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:

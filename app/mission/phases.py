@@ -21,7 +21,7 @@ from app.messages import (
     VehicleState,
 )
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
-from app.mission.precland import begin_precland, run_precland
+from app.mission.precland import begin_precland, run_precland, watch_pad
 from app.mission.rounds import go_round, lost
 from app.mission.search import search_lower, turn_back
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
@@ -143,6 +143,8 @@ def _track(state: MissionState, inputs: MissionInputs, now_s: float, config: Mis
     if gone is not None:
         return gone
     state = _steady(state, inputs, now_s)
+    if inputs.px4_lands:
+        state = watch_pad(state, inputs)
     if state.command is None or not _settled(state, now_s):
         if (
             state.command is not None

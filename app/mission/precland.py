@@ -15,7 +15,7 @@ from app.config import MissionConfig
 from app.messages import AutopilotAction, FlightMode, GoalKind, PadTrack, Phase, VehicleState
 from app.mission.modes import REFUSALS_MAX, hand_over
 from app.mission.rounds import go_round, lost
-from app.mission.states import MissionInputs, MissionState, Reason, Transition
+from app.mission.states import MissionInputs, MissionState, PadWatch, Reason, Transition
 from app.mission.transitions import CONFIRM_S, fail, go, guidance_of, leave_to_px4, numbered
 
 TARGETS_BEFORE_S = 0.5
@@ -23,6 +23,9 @@ TARGETS_BEFORE_S = 0.5
 MOVING_M_S = 0.3
 """A pad that is faster by two standard deviations moves: in the second that PX4 waits over it, it would leave PX4's
 radius of 0.2 m."""
+WATCH_S = 2.5
+"""The way that a pad makes in this time tells its speed without PX4's velocity, whose error of up to 0.7 m/s (on the
+ground and near it) is all in the track's."""
 COMMITTED_MAX_S = 30.0
 """From the commit to the disarm: PX4 sinks at 0.3 m/s near the ground, and its land detector then took up to 15 s."""
 
@@ -32,6 +35,19 @@ def speed_if_moving_m_s(track: PadTrack) -> float | None:
     speed_m_s = math.hypot(track.vel_ned_m_s[0], track.vel_ned_m_s[1])
     sigma_m_s = math.sqrt(max(0.0, float(np.linalg.eigvalsh(track.covariance[3:5, 3:5])[-1])))
     return speed_m_s if speed_m_s - 2.0 * sigma_m_s > MOVING_M_S else None
+
+
+def watch_pad(state: MissionState, inputs: MissionInputs) -> MissionState:
+    """Keep how fast the pad has gone from one place to another lately, whatever PX4's velocity says."""
+    track, watch = inputs.track, state.watch
+    if track is None:
+        return state
+    at, t_s = (float(track.pos_ned_m[0]), float(track.pos_ned_m[1])), track.t_capture_s
+    if watch is None:
+        return replace(state, watch=PadWatch(t_s, at))
+    if t_s - watch.since_s < WATCH_S:
+        return state
+    return replace(state, watch=PadWatch(t_s, at, math.dist(at, watch.from_ne_m) / (t_s - watch.since_s)))
 
 
 def begin_precland(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
@@ -52,6 +68,7 @@ def run_precland(
 ) -> Transition:
     """Hand over to PX4, and watch it land."""
     guidance = guidance_of(state, inputs)
+    state = watch_pad(state, inputs)
     if guidance is None or not guidance.committed:
         ended = lost(state, inputs, now_s, config) or _refuse_moving(state, inputs, now_s, config)
         if ended is not None:
@@ -76,6 +93,7 @@ def _refuse_moving(
     state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig
 ) -> Transition | None:
     speed_m_s = None if inputs.track is None else speed_if_moving_m_s(inputs.track)
-    if speed_m_s is None:
+    way_m_s = None if state.watch is None else state.watch.speed_m_s
+    if speed_m_s is None or way_m_s is None or way_m_s < MOVING_M_S:
         return None
     return fail(state, Reason.PAD_MOVES, now_s, config, f"pad moves at {speed_m_s:.1f} m/s, PX4 can't follow it")

@@ -72,6 +72,21 @@ HANDED_OVER = frozenset(OWN_MODE)
 
 
 @dataclass(frozen=True, slots=True)
+class PadWatch:
+    """How far the pad has gone in PX4's local frame.
+
+    Attributes:
+        since_s: When it was last looked at.
+        from_ne_m: Where it was then, north and east.
+        speed_m_s: Its way since it was looked at before that, over the time; None at first.
+    """
+
+    since_s: float
+    from_ne_m: tuple[float, float]
+    speed_m_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class MissionState:
     """All that the machine remembers.
 
@@ -98,6 +113,7 @@ class MissionState:
         contact_s: When the vehicle last rested on something in this landing.
         takeoff_accepted: PX4 accepted the take-off.
         handed_over: PX4 has taken up the mode of its own that this phase asked for.
+        watch: Of the pad's way over ground, for a landing that is left to PX4.
         jumps: Of PX4's local frame, in which home and the goal's anchor stand.
     """
 
@@ -122,6 +138,7 @@ class MissionState:
     contact_s: float | None = None
     takeoff_accepted: bool = False
     handed_over: bool = False
+    watch: PadWatch | None = None
     jumps: FrameJumps = field(default_factory=FrameJumps, compare=False)
 
 

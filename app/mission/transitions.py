@@ -72,6 +72,7 @@ def go(
         steady_since_s=None,
         committed_since_s=None,
         contact_s=None,
+        watch=None,
     )
     entered = replace(entered, **changes)  # type: ignore[arg-type]  # field names are checked by replace itself
     text = f"{phase.value}: {detail or reason.value}"
