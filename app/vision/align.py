@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from app.frames import Array
 from app.vision.geometry import LandmarkGeometry
-from app.vision.patch import Patch, View, rectify
+from app.vision.patch import Patch, View, rectify, side_px
 from app.vision.plane import warped
 from app.vision.template import BLUR_SIGMA_PX2, GRADIENT_SIGMA, PATCH_EXTENT, PSF_SIGMA_PX, TONE_SIGMA
 
@@ -32,6 +32,8 @@ PERSPECTIVE_WEIGHT = 0.05
 """Holds the two perspective terms near what they are unless the patch says otherwise, as a part of the information
 that the patch has on its shift."""
 NOISE_MIN_DN = 1.0
+PLACE_SIGMA_PX = 0.01
+"""What lens, sampling and tone leave open of the place of even the clearest picture, beside its noise."""
 LEVELS = 9
 _WHITE, _OUTSIDE, _UU, _VV, _UV, _TONE, _GU, _GV, _ONE = range(8, 8 + LEVELS)
 
@@ -172,6 +174,16 @@ def _pad_warp(d: Array, unit_m: float) -> Array:
     return warped(np.eye(3), d, unit_m)
 
 
+def _placed(information: Array, sigma: float) -> Array:
+    """(8, 8) information less what an error of both shifts, sigma each, takes from it (Woodbury's identity)."""
+    shifts = information[:, _SHIFTS]
+    result: Array = information - shifts @ np.linalg.solve(np.eye(2) / sigma**2 + shifts[_SHIFTS], shifts.T)
+    return result
+
+
+_SHIFTS = np.array([2, 5])
+
+
 def _finished(
     matrix: Array, patch: Patch, model: Array, levels: Array, normal: Array, geometry: LandmarkGeometry
 ) -> Alignment:
@@ -195,7 +207,7 @@ def _finished(
     information = (normal[:8, :8] - normal[:8, 8:] @ np.linalg.solve(appearance, normal[8:, :8])) / variance
     # From half sides of the patch to half sides of the landmark.
     scale = np.array([1.0, 1.0, 1.0 / PATCH_EXTENT, 1.0, 1.0, 1.0 / PATCH_EXTENT, PATCH_EXTENT, PATCH_EXTENT])
-    information = information * scale * scale[:, None]
+    information = _placed(information * scale * scale[:, None], PLACE_SIGMA_PX / (0.5 * side_px(patch)))
     level = float(levels[_ONE - 8]) + 0.5 * contrast
     return Alignment(
         matrix, information, patch, model.reshape(patch.grey.shape), contrast, scatter, correlation, level, whole

@@ -89,3 +89,12 @@ def test_inverted_landmark_supports_nothing(scene, maps):
     image = scene.draw(view, polygons=scene.polygons(inverted=True), lawn=False)
     found = align(maps.look_at(image, scene.fisheye), maps.true(view))
     assert found is None or found.correlation < 0.5
+
+
+@pytest.mark.parametrize("side_px", [14, 22, 30])
+def test_place_of_the_clearest_picture_is_claimed_no_better_than_a_hundredth_of_a_pixel(scene, maps, side_px):
+    """Were all else known: the benchmark's renderer leaves as much where noise leaves less."""
+    view = small_view(scene, scene.fisheye, side_px)
+    found = align(maps.look_at(scene.draw(view, noise=0.2), scene.fisheye), maps.off_by(view, 0.5, side_px), 8)
+    shifts = np.linalg.inv(found.information[np.ix_([2, 5], [2, 5])])  # half sides of the landmark
+    assert np.sqrt(np.linalg.eigvalsh(shifts)[0]) * 0.5 * side_px > 0.0095
