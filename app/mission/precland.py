@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.config import MissionConfig
-from app.messages import AutopilotAction, FlightMode, GoalKind, PadTrack, Phase, VehicleState
+from app.messages import AutopilotAction, FlightMode, GoalKind, GuidanceStatus, PadTrack, Phase, VehicleState
 from app.mission.modes import REFUSALS_MAX, hand_over
 from app.mission.rounds import go_round, lost
 from app.mission.states import MissionInputs, MissionState, PadWatch, Reason, Transition
@@ -26,6 +26,9 @@ radius of 0.2 m."""
 WATCH_S = 2.5
 """The way that a pad makes in this time tells its speed without PX4's velocity, whose error of up to 0.7 m/s (on the
 ground and near it) is all in the track's."""
+BESIDE_BELOW_M, BESIDE_M = 0.8, 0.4
+"""So low, and so far off the pad's centre, PX4 is about to come down beside the pad: with its velocity 0.5 m/s wrong it
+touched the ground 0.7 m off. A change of mode and the turn from sinking to climbing take half a metre."""
 COMMITTED_MAX_S = 30.0
 """From the commit to the disarm: PX4 sinks at 0.3 m/s near the ground, and its land detector then took up to 15 s."""
 
@@ -73,6 +76,8 @@ def run_precland(
         ended = lost(state, inputs, now_s, config) or _refuse_moving(state, inputs, now_s, config)
         if ended is not None:
             return ended
+        if guidance is not None and _comes_down_beside(guidance):
+            return go_round(state, inputs, Reason.PAD_MISSED, now_s, config)
         if now_s - state.since_s > config.land_timeout_s:
             return go_round(state, inputs, Reason.TIMED_OUT, now_s, config)
         state = replace(state, committed_since_s=None)
@@ -87,6 +92,12 @@ def run_precland(
     if state.refusals + unseen >= REFUSALS_MAX and vehicle.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN):
         return fail(state, Reason.REFUSED_BY_AUTOPILOT, now_s, config, "PX4 refused its precision landing")
     return hand_over(state, vehicle, now_s)
+
+
+def _comes_down_beside(guidance: GuidanceStatus) -> bool:
+    """Whether PX4 has sunk low beside the pad."""
+    off_m, height_m = guidance.horizontal_error_m, guidance.height_above_pad_m
+    return off_m is not None and height_m is not None and height_m < BESIDE_BELOW_M and off_m > BESIDE_M
 
 
 def _refuse_moving(

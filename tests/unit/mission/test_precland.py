@@ -194,6 +194,25 @@ def test_pad_that_is_lost_above_the_commit_is_searched_for_through_offboard(make
     assert following.action is A.OFFBOARD
 
 
+@pytest.mark.parametrize(
+    ("height_m", "off_m", "committed", "after"),
+    [
+        (0.79, 0.41, False, P.SEARCH),
+        (0.3, 0.7, False, P.SEARCH),
+        (0.81, 0.7, False, P.PRECLAND),
+        (0.79, 0.39, False, P.PRECLAND),
+        (0.3, 0.7, True, P.PRECLAND),
+    ],
+)
+def test_px4_that_sinks_low_beside_the_pad_goes_round(make: Any, height_m, off_m, committed, after):
+    state = landing(make)
+    word = make.settled(state, height_above_pad_m=height_m, horizontal_error_m=off_m, committed=committed)
+    result = step(state, seen(make, state, guidance=word), 100.0, make.config)
+    assert result.state.phase is after
+    if after is P.SEARCH:
+        assert (result.reason, result.state.goal.kind, result.state.tries) == (Reason.PAD_MISSED, GoalKind.CLIMB, 1)
+
+
 def test_landing_that_takes_too_long_goes_round(make: Any):
     state = landing(make, since_s=100.0 - make.config.land_timeout_s - 0.1)
     assert step(state, seen(make, state), 100.0, make.config).reason is Reason.TIMED_OUT
