@@ -28,7 +28,8 @@ WATCH_S = 2.5
 ground and near it) is all in the track's."""
 BESIDE_BELOW_M, BESIDE_M = 0.8, 0.4
 """So low, and so far off the pad's centre, PX4 is about to come down beside the pad: with its velocity 0.5 m/s wrong it
-touched the ground 0.7 m off. A change of mode and the turn from sinking to climbing take half a metre."""
+touched the ground 0.7 m off. A change of mode and the turn from sinking to climbing take half a metre. Lower still a
+landing that is nearer than this is committed (COMMIT_ERROR_M of guidance's precland)."""
 COMMITTED_MAX_S = 30.0
 """From the commit to the disarm: PX4 sinks at 0.3 m/s near the ground, and its land detector then took up to 15 s."""
 

@@ -122,8 +122,8 @@ class Conversations:
         asked = (action, height_m, drives)
         if before is not None and (before.order.action, before.order.height_m, before.order.pad_drives_ne_m_s) == asked:
             age_s = now_s - before.order.t_s
-            confirmed = int(fields.get("confirmation", 0)) > 0 and action not in OBEYED_AGAIN
-            if before.pending or age_s < SAME_ORDER_S or (confirmed and age_s < RETRANSMISSION_S):
+            repeated = int(fields.get("confirmation", 0)) > 0 and action not in OBEYED_AGAIN
+            if before.pending or age_s < SAME_ORDER_S or (repeated and age_s < RETRANSMISSION_S):
                 return Decision(ack=before.ack)
         return self._begin(OperatorCommand(now_s, action, height_m, sender, next(self._numbers), drives))
 
