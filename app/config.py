@@ -291,6 +291,9 @@ class SafetyConfig(Section):
     height_max_m: float = Field(default=30.0, gt=0, le=500)
     tilt_max_deg: float = Field(default=45.0, gt=0, le=90)
     battery_min_fraction: float = Field(default=0.15, ge=0, le=1)
+    battery_unknown_action: Literal["land", "warn"] = Field(
+        default="land", description="when PX4 tells no battery level: as with a low battery, or only a warning"
+    )
 
 
 class RecorderConfig(Section):

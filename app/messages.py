@@ -97,6 +97,29 @@ class ExposureCommand:
     motion_px_s: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class CameraStatus:
+    """What is known of the camera's frames, judged at each arrival and while none arrives.
+
+    Attributes:
+        t_s: When it was judged.
+        new_frame_s: When the newest frame with a new image arrived, on our clock; None before the first.
+        frozen_s: For how long every frame has been a copy of one image; 0 while images change.
+        image_fault: What is wrong with the newest images: "black", "white", "torn"; "" if nothing.
+        image_fault_s: For how long.
+        time_fault: What is wrong with the frames' times, in at most 40 characters; "" if nothing.
+        time_fault_s: For how long.
+    """
+
+    t_s: float
+    new_frame_s: float | None = None
+    frozen_s: float = 0.0
+    image_fault: str = ""
+    image_fault_s: float = 0.0
+    time_fault: str = ""
+    time_fault_s: float = 0.0
+
+
 # ---------------------------------------------------------------------------------------------------------- vision
 @dataclass(frozen=True, slots=True)
 class SeenContour:
@@ -263,6 +286,8 @@ class PadTrack:
             stands out of its error.
         delay_s: By how much later the frames are exposed than their times say.
         delay_sigma_s: Its standard deviation.
+        delay_at_limit: The offset has reached the largest value that is believed: something else is wrong.
+        restarts: How often fixes contradicted the track until it was begun anew, since the application started.
     """
 
     t_capture_s: float
@@ -280,6 +305,8 @@ class PadTrack:
     turn_rate_rad_s: float = 0.0
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
+    delay_at_limit: bool = False
+    restarts: int = 0
 
     def lean_rad(self, ahead_s: float) -> float:
         """The deck's angle from level so long after t_capture_s, less what it is unsure by; it goes on as it moves."""
@@ -308,6 +335,24 @@ class PadTrack:
             ),
             yaw_ned_rad=wrap_angle_rad(self.yaw_ned_rad + dt_s * self.yaw_rate_rad_s),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackCheck:
+    """Whether the pad's measurements move as the vehicle's own motion says, or copy it.
+
+    Attributes:
+        t_s: When it was judged.
+        copy_ratio: Part of the vehicle's own motion that shows in the measured place of the pad: 0 for a right one, 1
+            for a frozen image; None while the vehicle moves too little to tell.
+        cause: The likely cause, in at most 40 characters; "" while nothing is wrong.
+        since_s: Since when it has been wrong; None while it is not.
+    """
+
+    t_s: float
+    copy_ratio: float | None = None
+    cause: str = ""
+    since_s: float | None = None
 
 
 # --------------------------------------------------------------------------------------------------------- vehicle
@@ -355,6 +400,21 @@ class VehicleState:
         local_position_ok: PX4 vouches for its local position and velocity.
         battery_fraction: 0..1, or None if unknown.
         frame_resets: Jumps of PX4's local frame seen so far.
+        failsafe: PX4 says that a failsafe of its own is active.
+        mode_age_s: How old PX4's statement of its mode was when this state was put together; inf: never stated. The
+            same for the other ages.
+        mode_is_fast: The mode comes about ten times a second (CURRENT_MODE), not once (HEARTBEAT).
+        armed_age_s: Age of `armed`.
+        landed_age_s: Age of `landed`.
+        battery_age_s: Age of `battery_fraction`.
+        estimator_age_s: Age of PX4's estimator flags, on which `local_position_ok` rests.
+        position_age_s: Age of the position and velocity: how far they were carried on to t_capture_s.
+        estimator_test_ratio: The largest of PX4's innovation test ratios (velocity, position); over 1 the estimator
+            rejects its measurements. None: not stated.
+        gnss_glitch: PX4's estimator says that GNSS jumps.
+        thrust: Collective thrust that PX4 asks of its motors, 0..1; None: not stated in the last 0.3 s.
+        specific_force_body_m_s2: (3,) what the accelerometers read, forward, right, down: about (0, 0, -9.8) at rest.
+            None: not stated in the last 0.3 s.
     """
 
     t_capture_s: float
@@ -369,6 +429,18 @@ class VehicleState:
     local_position_ok: bool = False
     battery_fraction: float | None = None
     frame_resets: int = 0
+    failsafe: bool = False
+    mode_age_s: float = 0.0
+    mode_is_fast: bool = True
+    armed_age_s: float = 0.0
+    landed_age_s: float = 0.0
+    battery_age_s: float = 0.0
+    estimator_age_s: float = 0.0
+    position_age_s: float = 0.0
+    estimator_test_ratio: float | None = None
+    gnss_glitch: bool = False
+    thrust: float | None = None
+    specific_force_body_m_s2: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -467,6 +539,9 @@ class OperatorCommand:
         number: Counts up with each new command of this link; names the command in answers.
         pad_drives_ne_m_s: (2,) velocity of a pad that is said to drive (parameters 3 and 4: m/s, degrees clockwise from
             north): it is searched for along its way. None: nothing is said.
+        takes_over: The order says that it may take the vehicle from the pilot's mode (parameter 5 is 1).
+        repeated: It came with confirmation > 0 and its first copy was never seen: it begins nothing.
+        trusted: The link is signed, or inside this process: an order may start the motors without a second one.
     """
 
     t_s: float
@@ -475,6 +550,9 @@ class OperatorCommand:
     sender: tuple[int, int]
     number: int
     pad_drives_ne_m_s: tuple[float, float] | None = None
+    takes_over: bool = False
+    repeated: bool = False
+    trusted: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -679,12 +757,26 @@ class Hazard(StrEnum):
 
     LINK_LOST = "link_lost"
     VEHICLE_STATE_STALE = "vehicle_state_stale"
+    MODE_UNKNOWN = "mode_unknown"
     POSITION_LOST = "position_lost"
     TILT_EXCESSIVE = "tilt_excessive"
+    FRAMES_FROZEN = "frames_frozen"
+    PAD_COPIES_VEHICLE = "pad_copies_vehicle"
+    CAMERA_TIME_WRONG = "camera_time_wrong"
+    TOO_FAST = "too_fast"
+    CONTROL_LATE = "control_late"
     BATTERY_LOW = "battery_low"
+    BATTERY_UNKNOWN = "battery_unknown"
+    FENCE_LEFT = "fence_left"
     TOO_FAR = "too_far"
     TOO_HIGH = "too_high"
+    ESTIMATOR_BAD = "estimator_bad"
+    WIND_EXCESSIVE = "wind_excessive"
+    FRAMES_UNUSABLE = "frames_unusable"
     FRAMES_STALE = "frames_stale"
+    OPERATOR_SILENT = "operator_silent"
+    RECORD_FAILED = "record_failed"
+    DISK_LOW = "disk_low"
 
 
 class Response(StrEnum):
@@ -696,19 +788,37 @@ class Response(StrEnum):
     """PX4's own landing where it is."""
     RETURN = "return"
     """PX4's return to launch."""
+    HOLD = "hold"
+    """PX4's hold, also where the landing is committed and not yet in contact: what is seen can't be believed."""
     FAIL = "fail"
     """End the mission by the configured failure action."""
+    WARN = "warn"
+    """Tell it: the flight goes on."""
 
 
 RESPONSES: dict[Hazard, Response] = {
     Hazard.LINK_LOST: Response.STOP_COMMANDING,
     Hazard.VEHICLE_STATE_STALE: Response.STOP_COMMANDING,
+    Hazard.MODE_UNKNOWN: Response.STOP_COMMANDING,
     Hazard.POSITION_LOST: Response.LAND,
     Hazard.TILT_EXCESSIVE: Response.FAIL,
+    Hazard.FRAMES_FROZEN: Response.HOLD,
+    Hazard.PAD_COPIES_VEHICLE: Response.HOLD,
+    Hazard.CAMERA_TIME_WRONG: Response.HOLD,
+    Hazard.TOO_FAST: Response.HOLD,
+    Hazard.CONTROL_LATE: Response.HOLD,
     Hazard.BATTERY_LOW: Response.LAND,
+    Hazard.BATTERY_UNKNOWN: Response.LAND,
+    Hazard.FENCE_LEFT: Response.RETURN,
     Hazard.TOO_FAR: Response.RETURN,
     Hazard.TOO_HIGH: Response.FAIL,
+    Hazard.ESTIMATOR_BAD: Response.FAIL,
+    Hazard.WIND_EXCESSIVE: Response.FAIL,
+    Hazard.FRAMES_UNUSABLE: Response.FAIL,
     Hazard.FRAMES_STALE: Response.FAIL,
+    Hazard.OPERATOR_SILENT: Response.WARN,
+    Hazard.RECORD_FAILED: Response.WARN,
+    Hazard.DISK_LOW: Response.WARN,
 }
 
 
@@ -719,12 +829,14 @@ class Verdict:
     Attributes:
         hazard: Which.
         detail: "battery 12% under 15%".
+        configured: What the configuration wants done; None: what RESPONSES says.
     """
 
     hazard: Hazard
     detail: str
+    configured: Response | None = None
 
     @property
     def response(self) -> Response:
         """What must happen."""
-        return RESPONSES[self.hazard]
+        return RESPONSES[self.hazard] if self.configured is None else self.configured

@@ -27,6 +27,7 @@ from app.guidance.velocity import VelocityController
 from app.log import get_logger
 from app.messages import (
     ActionResult,
+    CameraStatus,
     CommandAnswer,
     ControlTurn,
     Detection,
@@ -40,6 +41,7 @@ from app.messages import (
     PadFix,
     PadTrack,
     Phase,
+    TrackCheck,
     VehicleState,
 )
 from app.ports import Autopilot, Camera, OperatorLink, Recorder
@@ -114,6 +116,8 @@ class Application:
         self._stop = asyncio.Event()
         self.frames: Topic[Frame] = Topic("frames")
         self.detections: Topic[Detection] = Topic("detections")
+        self.camera_status: Topic[CameraStatus] = Topic("camera_status")
+        self.track_checks: Topic[TrackCheck] = Topic("track_checks")
         self.exposures: Topic[ExposureCommand] = Topic("exposures")
         self.fixes: Topic[PadFix] = Topic("fixes")
         self.tracks: Topic[PadTrack] = Topic("tracks")
@@ -205,6 +209,8 @@ class Application:
             tracks=self.tracks.subscribe(),
             statuses=self.statuses.subscribe(),
             detections=self.detections.subscribe(),
+            camera=self.camera_status.subscribe(),
+            track_checks=self.track_checks.subscribe(),
             commands=commands,
             results=results,
             orders=self.orders,
@@ -285,6 +291,8 @@ class Application:
             self.vehicle,
             self.turns,
             self.reports,
+            self.camera_status,
+            self.track_checks,
         )
         rare: tuple[Topic[object], ...] = (self.exposures, self.texts, self.commands)  # type: ignore[assignment]  # as above
         vehicle = self.vehicle.subscribe()

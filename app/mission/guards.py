@@ -131,7 +131,11 @@ def safety(state: MissionState, inputs: MissionInputs, now_s: float, config: Mis
             severity=Severity.WARNING,
             result=CommandResult.FAILED,
         )
-    phase = {Response.LAND: Phase.FALLBACK_LAND, Response.RETURN: Phase.RETURN}.get(verdict.response)
+    phase = {
+        Response.LAND: Phase.FALLBACK_LAND,
+        Response.RETURN: Phase.RETURN,
+        Response.HOLD: Phase.HOLD,
+    }.get(verdict.response)
     if phase is None:
         return fail(state, Reason.SAFETY, now_s, config, verdict.detail)
     return go(

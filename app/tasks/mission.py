@@ -12,22 +12,27 @@ from app.estimation.target import is_confident
 from app.log import get_logger
 from app.messages import (
     ActionResult,
+    CameraStatus,
     CommandAnswer,
     CommandResult,
     Detection,
     GoalOrder,
     GuidanceStatus,
+    Hazard,
     MissionReport,
     OperatorCommand,
     OperatorText,
     PadTrack,
+    Response,
+    Severity,
+    TrackCheck,
     VehicleState,
     Verdict,
 )
 from app.mission.machine import step
 from app.mission.states import MissionInputs, MissionState, Transition
 from app.safety.disarm import may_force_disarm
-from app.safety.monitors import Vigil, confirm, judge
+from app.safety.monitors import Debounce, SafetyInputs, TrackRestarts, debounce, judge
 from app.tasks.actions import ActionRequest
 
 log = get_logger("mission")
@@ -43,6 +48,8 @@ class MissionQueues:
     tracks: Latest[PadTrack]
     statuses: Latest[GuidanceStatus]
     detections: Latest[Detection]
+    camera: Latest[CameraStatus]
+    track_checks: Latest[TrackCheck]
     commands: Events[OperatorCommand]
     results: Events[ActionResult]
     orders: Topic[GoalOrder]
@@ -66,11 +73,16 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
     """Step the state machine 20 times a second until cancelled; a command that is running then is answered too."""
     state = MissionState(since_s=clock.now_s())
     reason = "started"
-    vigil = Vigil()
+    memory, restarts = Debounce(), TrackRestarts()
+    warned: frozenset[Hazard] = frozenset()
     try:
         while True:
             now_s = clock.now_s()
-            vigil, verdict = confirm(vigil, _judge(state, queues, settings, now_s), now_s)
+            restarts = restarts.see(queues.tracks.newest, now_s)
+            seen = _seen(state, queues, len(restarts.times_s))
+            memory, confirmed = debounce(memory, judge(seen, now_s, settings.safety), now_s)
+            verdict = next((v for v in confirmed if v.response is not Response.WARN), None)
+            warned = _warn(confirmed, warned, queues.texts)
             transition = step(state, _inputs(queues, settings, verdict, now_s), now_s, settings.mission)
             if transition.reason is not None:
                 reason = transition.texts[0].text if transition.texts else transition.reason.value
@@ -91,10 +103,27 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
             queues.answers.emit(CommandAnswer(state.command.number, CommandResult.CANCELLED))
 
 
-def _judge(state: MissionState, queues: MissionQueues, settings: MissionSettings, now_s: float) -> Verdict | None:
+def _seen(state: MissionState, queues: MissionQueues, restarts_lately: int) -> SafetyInputs:
     detection = queues.detections.newest
-    last_frame_s = None if detection is None else detection.t_capture_s
-    return judge(queues.vehicle.newest, state.home_ned_m, last_frame_s, now_s, settings.safety)
+    return SafetyInputs(
+        vehicle=queues.vehicle.newest,
+        home_ned_m=state.home_ned_m,
+        last_frame_s=None if detection is None else detection.t_capture_s,
+        camera=queues.camera.newest,
+        track=queues.tracks.newest,
+        track_restarts_lately=restarts_lately,
+        track_check=queues.track_checks.newest,
+    )
+
+
+def _warn(confirmed: tuple[Verdict, ...], warned: frozenset[Hazard], texts: Topic[OperatorText]) -> frozenset[Hazard]:
+    """Tell the operator of each hazard that only wants a warning, once while it lasts."""
+    now = {verdict.hazard: verdict for verdict in confirmed if verdict.response is Response.WARN}
+    for hazard, verdict in now.items():
+        if hazard not in warned:
+            log.warning("hazard.warned", hazard=hazard.value, detail=verdict.detail)
+            texts.publish(OperatorText(verdict.detail, Severity.WARNING))
+    return frozenset(now)
 
 
 def _inputs(queues: MissionQueues, settings: MissionSettings, verdict: Verdict | None, now_s: float) -> MissionInputs:

@@ -17,6 +17,7 @@ from app.messages import (
     Hazard,
     OperatorAction,
     Phase,
+    Response,
     Verdict,
 )
 from app.mission.machine import step
@@ -137,17 +138,34 @@ def test_command_on_the_ground_with_a_hazard_is_refused_with_its_words(make: Any
 RESPONSE = {
     Hazard.LINK_LOST: P.IDLE,
     Hazard.VEHICLE_STATE_STALE: P.IDLE,
+    Hazard.MODE_UNKNOWN: P.IDLE,
     Hazard.POSITION_LOST: P.FALLBACK_LAND,
     Hazard.TILT_EXCESSIVE: P.HOLD,
+    Hazard.FRAMES_FROZEN: P.HOLD,
+    Hazard.PAD_COPIES_VEHICLE: P.HOLD,
+    Hazard.CAMERA_TIME_WRONG: P.HOLD,
+    Hazard.TOO_FAST: P.HOLD,
+    Hazard.CONTROL_LATE: P.HOLD,
     Hazard.BATTERY_LOW: P.FALLBACK_LAND,
+    Hazard.BATTERY_UNKNOWN: P.FALLBACK_LAND,
+    Hazard.FENCE_LEFT: P.RETURN,
     Hazard.TOO_FAR: P.RETURN,
     Hazard.TOO_HIGH: P.HOLD,
+    Hazard.ESTIMATOR_BAD: P.HOLD,
+    Hazard.WIND_EXCESSIVE: P.HOLD,
+    Hazard.FRAMES_UNUSABLE: P.HOLD,
     Hazard.FRAMES_STALE: P.HOLD,
 }
+STOPPING = {Hazard.LINK_LOST, Hazard.VEHICLE_STATE_STALE, Hazard.MODE_UNKNOWN}
+
+
+@pytest.mark.parametrize("hazard", list(Hazard))
+def test_hazard_that_does_not_end_a_mission_is_only_warned_of(hazard):
+    assert (hazard in RESPONSE) is (Verdict(hazard, "words").response is not Response.WARN)
 
 
 @pytest.mark.parametrize("phase", ACTIVE)
-@pytest.mark.parametrize("hazard", list(Hazard))
+@pytest.mark.parametrize("hazard", list(RESPONSE))
 def test_hazard_in_an_active_phase_ends_the_mission_as_its_response_says(make: Any, phase, hazard):
     state = make.state(phase)
     result = step(state, make.inputs(state, verdict=Verdict(hazard, "words")), 100.0, make.config)
@@ -168,8 +186,7 @@ def test_hazard_without_a_mission_changes_nothing(make: Any, phase, hazard):
 def test_hazard_in_a_committed_landing_counts_only_if_it_forbids_commanding(make: Any, hazard):
     state = make.state(P.LAND)
     seen = make.inputs(state, verdict=Verdict(hazard, "words"), guidance=make.settled(state, committed=True))
-    stops = hazard in (Hazard.LINK_LOST, Hazard.VEHICLE_STATE_STALE)
-    assert step(state, seen, 100.0, make.config).state.phase is (P.IDLE if stops else P.LAND)
+    assert step(state, seen, 100.0, make.config).state.phase is (P.IDLE if hazard in STOPPING else P.LAND)
 
 
 @pytest.mark.parametrize(("failure", "after"), [("hold", P.HOLD), ("return", P.RETURN), ("land", P.FALLBACK_LAND)])

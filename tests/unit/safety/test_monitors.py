@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from app.config import SafetyConfig
-from app.messages import RESPONSES, Hazard, Response, VehicleState
-from app.safety.monitors import judge
+from app.messages import RESPONSES, CameraStatus, Hazard, PadTrack, Response, TrackCheck, VehicleState
+from app.safety.monitors import SafetyInputs, TrackRestarts, judge
 
 CONFIG = SafetyConfig(
     vehicle_state_stale_s=0.5,
@@ -43,8 +43,8 @@ def vehicle(**changes: Any) -> VehicleState:
 
 
 def hazard(state: VehicleState | None, *, home: Any = HOME, frame_s: float | None = 100.0, now_s: float = 100.0) -> Any:
-    verdict = judge(state, home, frame_s, now_s, CONFIG)
-    return None if verdict is None else verdict.hazard
+    verdicts = judge(SafetyInputs(state, home, frame_s), now_s, CONFIG)
+    return verdicts[0].hazard if verdicts else None
 
 
 def test_nothing_wrong_is_no_verdict():
@@ -69,7 +69,17 @@ def test_no_vehicle_is_a_lost_link():
         ({"q_ned_from_body_wxyz": tilted(180.0)}, Hazard.TILT_EXCESSIVE),
         ({"battery_fraction": 0.15}, None),
         ({"battery_fraction": 0.14}, Hazard.BATTERY_LOW),
-        ({"battery_fraction": None}, None),
+        ({"battery_fraction": None}, Hazard.BATTERY_UNKNOWN),
+        ({"battery_fraction": math.nan}, Hazard.BATTERY_UNKNOWN),
+        ({"battery_age_s": 2.9}, None),
+        ({"battery_age_s": 3.1}, Hazard.BATTERY_UNKNOWN),
+        ({"mode_age_s": 1.4}, None),
+        ({"mode_age_s": 1.6}, Hazard.MODE_UNKNOWN),
+        ({"armed_age_s": 1.6}, Hazard.MODE_UNKNOWN),
+        ({"mode_age_s": math.inf}, Hazard.MODE_UNKNOWN),
+        ({"estimator_age_s": 3.1}, Hazard.POSITION_LOST),
+        ({"t_capture_s": math.nan}, Hazard.VEHICLE_STATE_STALE),
+        ({"q_ned_from_body_wxyz": np.full(4, math.nan)}, Hazard.TILT_EXCESSIVE),
         ({"pos_ned_m": np.array([10.0 + 180.0, 20.0 + 239.9, 0.0])}, None),  # 3-4-5: 300 m
         ({"pos_ned_m": np.array([10.0 - 180.0, 20.0 - 240.1, 0.0])}, Hazard.TOO_FAR),
         ({"pos_ned_m": np.array([10.0, 20.0, -28.9])}, None),  # home is 1 m below the origin
@@ -119,5 +129,44 @@ def test_every_hazard_has_a_response(kind):
 
 @pytest.mark.parametrize("changes", [*WRONG.values(), {"pos_ned_m": np.array([0.0, 0.0, -1e6])}, {"t_capture_s": -1e7}])
 def test_words_of_a_verdict_fit_the_phone(changes):
-    verdict = judge(vehicle(**changes), HOME, 100.0, 100.0, CONFIG)
-    assert verdict is not None and len(verdict.detail) <= 40 and verdict.detail.isascii()
+    verdicts = judge(SafetyInputs(vehicle(**changes), HOME, 100.0), 100.0, CONFIG)
+    assert verdicts and all(len(v.detail) <= 40 and v.detail.isascii() for v in verdicts)
+
+
+TRACK = PadTrack(100.0, np.zeros(3), np.zeros(3), np.eye(6), 0.0, 0.0, 100.0, 20)
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected"),
+    [
+        ({"camera": CameraStatus(100.0, 100.0)}, None),
+        ({"camera": CameraStatus(100.0, 98.9)}, Hazard.FRAMES_STALE),  # times that lie ahead hide nothing
+        ({"camera": CameraStatus(100.0, 100.0, frozen_s=0.3)}, Hazard.FRAMES_FROZEN),
+        ({"camera": CameraStatus(100.0, 100.0, frozen_s=0.1)}, None),
+        ({"camera": CameraStatus(100.0, 100.0, image_fault="black")}, Hazard.FRAMES_UNUSABLE),
+        ({"camera": CameraStatus(100.0, 100.0, time_fault="frame times 60.0 s ahead")}, Hazard.CAMERA_TIME_WRONG),
+        ({"track": replace(TRACK, delay_at_limit=True, delay_s=0.1)}, Hazard.CAMERA_TIME_WRONG),
+        ({"track_restarts_lately": 2}, None),
+        ({"track_restarts_lately": 3}, Hazard.CAMERA_TIME_WRONG),
+        ({"track_check": TrackCheck(100.0, 0.1)}, None),
+        ({"track_check": TrackCheck(100.0, 1.0, "camera repeats an image", 99.0)}, Hazard.PAD_COPIES_VEHICLE),
+    ],
+)
+def test_camera_and_track_that_can_not_be_believed_are_hazards(seen, expected):
+    verdicts = judge(SafetyInputs(vehicle(), HOME, 160.0, **seen), 100.0, CONFIG)
+    assert [v.hazard for v in verdicts] == ([] if expected is None else [expected])
+
+
+def test_unknown_battery_is_only_told_where_the_configuration_says_so():
+    config = CONFIG.model_copy(update={"battery_unknown_action": "warn"})
+    [verdict] = judge(SafetyInputs(vehicle(battery_fraction=None), HOME, 100.0), 100.0, config)
+    assert verdict.hazard is Hazard.BATTERY_UNKNOWN and verdict.response is Response.WARN
+
+
+def test_track_restarts_of_the_last_ten_seconds_are_counted():
+    memory = TrackRestarts()
+    for now_s, restarts in ((0.0, 1), (4.0, 2), (9.0, 4)):
+        memory = memory.see(replace(TRACK, restarts=restarts), now_s)
+    assert len(memory.times_s) == 4
+    assert len(memory.see(None, 13.0).times_s) == 3  # that of 0 s is over 10 s ago
+    assert len(memory.see(None, 18.9).times_s) == 2

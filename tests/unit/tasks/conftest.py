@@ -179,6 +179,7 @@ def vehicle(**changes: Any) -> VehicleState:
         "q_ned_from_body_wxyz": np.array([1.0, 0.0, 0.0, 0.0]),
         "armable": True,
         "local_position_ok": True,
+        "battery_fraction": 0.8,
         "landed": LandedState.ON_GROUND,
         **changes,
     }

@@ -16,6 +16,7 @@ from app.errors import OperatorError
 from app.messages import (
     ActionResult,
     AutopilotAction,
+    CameraStatus,
     CommandAnswer,
     CommandResult,
     Detection,
@@ -29,6 +30,7 @@ from app.messages import (
     OperatorText,
     PadTrack,
     Phase,
+    TrackCheck,
     VehicleState,
 )
 from app.tasks.actions import ActionRequest, run_actions
@@ -68,6 +70,8 @@ class Bench:
             tracks.subscribe(),
             statuses.subscribe(),
             detections.subscribe(),
+            Topic[CameraStatus]("camera_status").subscribe(),
+            Topic[TrackCheck]("track_checks").subscribe(),
             commands.subscribe_all(),
             Events("results"),
             orders,
