@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+NORM_MIN = 1e-9
+"""A quaternion this short has no direction."""
+
 BODY_FROM_CAM_DOWN: Array = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of a camera that looks straight down with the top of its image to the front: image right is body right,
 image down is body backward, into the scene is body down."""
@@ -48,6 +51,24 @@ def yaw_from_rotation(rotation: Array) -> float:
     return math.atan2(rotation[1, 0], rotation[0, 0])
 
 
+def tilt_rad(rotation: Array) -> float:
+    """Angle in radians, 0 to pi, between the third axis of a (3, 3) ned_from_x and down; NaN if an element is NaN.
+
+    By the arc tangent: an arc cosine needs its argument clamped to -1..1, and min() and max() turn NaN into level.
+    """
+    return math.atan2(math.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
+
+
+def clamp(value: float, low: float, high: float) -> float:
+    """The value, or the limit that it is beyond. NaN stays NaN: min() and max() would turn it into a limit."""
+    return low if value < low else high if value > high else value
+
+
+def is_rotation(q_wxyz: Array) -> bool:
+    """Whether rotation_from_quaternion takes this quaternion (4,): it is finite and not zero."""
+    return NORM_MIN < math.sqrt(float(q_wxyz @ q_wxyz)) < math.inf
+
+
 def rotation_from_quaternion(q_wxyz: Array) -> Array:
     """(3, 3) rotation of a unit quaternion (4,); it is normalised first.
 
@@ -56,7 +77,7 @@ def rotation_from_quaternion(q_wxyz: Array) -> Array:
     """
     w, x, y, z = q_wxyz.tolist()
     norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not math.isfinite(norm) or norm < 1e-9:
+    if not NORM_MIN < norm < math.inf:
         raise ValueError(f"not a rotation: quaternion {q_wxyz!r}")
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     return np.array(

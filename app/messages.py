@@ -309,9 +309,13 @@ class PadTrack:
     restarts: int = 0
 
     def lean_rad(self, ahead_s: float) -> float:
-        """The deck's angle from level so long after t_capture_s, less what it is unsure by; it goes on as it moves."""
+        """The deck's angle from level so long after t_capture_s, less what it is unsure by; it goes on as it moves.
+
+        Infinite if it isn't known: a deck whose lean is not a number is not level.
+        """
         parts = (a + ahead_s * rate for a, rate in zip(self.lean_ne_rad, self.lean_rate_ne_rad_s, strict=True))
-        return max(0.0, math.hypot(*parts) - self.lean_sigma_rad)
+        lean_rad = math.hypot(*parts) - self.lean_sigma_rad
+        return max(0.0, lean_rad) if math.isfinite(lean_rad) else math.inf
 
     def at(self, t_s: float) -> PadTrack:
         """The track's mean carried to another time, at constant velocity or on the arc of its turn; the covariance

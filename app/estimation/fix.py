@@ -14,7 +14,7 @@ from app.estimation.height_table import HeightTable, computed_height_table
 from app.estimation.mount import level_from_cam
 from app.estimation.paper import camera_pose_from_paper, paper_pose
 from app.estimation.pose import estimate_camera_pose, pad_normal_cam
-from app.frames import Array, Transform, rotation_from_quaternion, yaw_from_rotation
+from app.frames import Array, Transform, clamp, rotation_from_quaternion, tilt_rad, yaw_from_rotation
 from app.landmark import Landmark
 from app.messages import CameraPose, Detection, PadFix, PaperPose, VehicleState
 from app.vision.camera_model import Lens
@@ -123,20 +123,31 @@ def pad_fix(
     )
     down = ned_from_cam[2]
     turned = ned_from_cam @ camera_pose.covariance[3:, 3:] @ ned_from_cam.T
-    normal_variance = 0.5 * max(0.0, float(turned[0, 0] + turned[1, 1])) + ATTITUDE_SIGMA_RAD**2
+    normal_variance = 0.5 * clamp(float(turned[0, 0] + turned[1, 1]), 0.0, math.inf) + ATTITUDE_SIGMA_RAD**2
+    yaw_variance = clamp(float(down @ camera_pose.covariance[3:, 3:] @ down), 0.0, math.inf) + ATTITUDE_SIGMA_RAD**2
     return PadFix(
         t_capture_s=detection.t_capture_s,
         pad_pos_ned_m=vehicle.pos_ned_m + from_vehicle,
         pad_from_vehicle_ned_m=from_vehicle,
         covariance_ned_m2=covariance,
         pad_yaw_ned_rad=yaw_from_rotation(ned_from_pad),
-        yaw_sigma_rad=math.sqrt(max(float(down @ camera_pose.covariance[3:, 3:] @ down), 0.0) + ATTITUDE_SIGMA_RAD**2),
+        yaw_sigma_rad=math.sqrt(yaw_variance),
         code=detection.code or "",
-        pad_tilt_rad=math.acos(max(-1.0, min(1.0, float(ned_from_pad[2, 2])))),
+        pad_tilt_rad=tilt_rad(ned_from_pad),
         paper=paper,
         pad_normal_ned=ned_from_pad[:, 2] if paper is None else None,  # the paper's equations hold for a level pad
         normal_sigma_rad=math.sqrt(normal_variance),
     )
+
+
+def is_finite(fix: PadFix) -> bool:
+    """Whether every figure of a fix is a number: a single NaN would stay in the track for good."""
+    figures = (
+        (fix.t_capture_s, fix.pad_yaw_ned_rad, fix.yaw_sigma_rad, fix.pad_tilt_rad, fix.normal_sigma_rad, fix.delay_s),
+        (fix.pad_pos_ned_m, fix.pad_from_vehicle_ned_m, fix.covariance_ned_m2),
+        tuple(part for part in (fix.travelled_ned_m, fix.pad_normal_ned, fix.shift_ned_m_s) if part is not None),
+    )
+    return all(bool(np.isfinite(value).all()) for group in figures for value in group)
 
 
 @dataclass(slots=True)

@@ -115,7 +115,7 @@ class TargetEstimator:
             left_s = self._delay.mean_s - fix.delay_s
             innovation = innovation - left_s * (predicted.vel_ned_m_s - fix.shift_ned_m_s)
         distance2 = float(innovation @ np.linalg.solve(s_matrix, innovation))
-        if distance2 > self._config.gate_sigma**2:
+        if not distance2 <= self._config.gate_sigma**2:  # so put, NaN is an outlier
             rejected = track.fixes_rejected_in_row + 1
             if rejected >= self._config.rejections_before_restart:
                 self._doubt()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.config import GuidanceConfig
-from app.frames import Array
+from app.frames import Array, clamp
 
 ENTER_FRACTION = 0.8
 """The cone is entered at this part of its radius and left at the whole: no chatter at the rim."""
@@ -45,7 +45,7 @@ def cone_radius_m(height_m: float, config: GuidanceConfig) -> float:
     if height_m >= config.cone_height_m:
         return config.cone_radius_m
     span_m = max(config.cone_height_m - config.commit_height_m, 1e-6)
-    part = max(0.0, height_m - config.commit_height_m) / span_m
+    part = clamp(height_m - config.commit_height_m, 0.0, span_m) / span_m
     return config.touchdown_radius_m + part * (config.cone_radius_m - config.touchdown_radius_m)
 
 
@@ -84,8 +84,8 @@ def touchdown_in_s(clear_m: float, sink_m_s: float, touchdown_speed_m_s: float) 
         sink_m_s: Towards the deck, now: what is missing is made up late by SINK_LAG_S.
         touchdown_speed_m_s: Commanded once committed.
     """
-    missing = min(1.0, max(0.0, 1.0 - sink_m_s / touchdown_speed_m_s))
-    return max(0.0, clear_m) / touchdown_speed_m_s + SINK_LAG_S * missing
+    missing = clamp(1.0 - sink_m_s / touchdown_speed_m_s, 0.0, 1.0)
+    return clamp(clear_m, 0.0, math.inf) / touchdown_speed_m_s + SINK_LAG_S * missing
 
 
 def step_descent(
@@ -113,23 +113,25 @@ def step_descent(
         unseen_s: How long ago the pad was seen. What has been low is not high again because of dead reckoning.
     """
     at_touchdown_m = error_m if predicted_m is None else predicted_m
-    calm = lean_rad <= math.radians(config.deck_lean_max_deg)
+    calm = lean_rad <= math.radians(config.deck_lean_max_deg)  # so put, here and below, NaN allows nothing
     if memory.touched:
         return memory
     if memory.committed:
-        off = at_touchdown_m > RELEASE_FACTOR * config.touchdown_radius_m
-        fast = relative_speed_m_s > RELEASE_FACTOR * config.commit_speed_m_s
-        leans = lean_rad > RELEASE_FACTOR * math.radians(config.deck_lean_max_deg)
+        off = not at_touchdown_m <= RELEASE_FACTOR * config.touchdown_radius_m
+        fast = not relative_speed_m_s <= RELEASE_FACTOR * config.commit_speed_m_s
+        leans = not lean_rad <= RELEASE_FACTOR * math.radians(config.deck_lean_max_deg)
         high = height_m > RELEASE_ABOVE_M and not (memory.low and unseen_s > UNSEEN_S)
         return Descent() if (off or fast or leans) and high else replace(memory, low=not high)
     radius_m = cone_radius_m(height_m, config)
     in_cone = error_m <= (radius_m if memory.in_cone else ENTER_FRACTION * radius_m)
     low = in_cone and height_m <= config.commit_height_m
     since_s = (now_s if memory.waiting_since_s is None else memory.waiting_since_s) if low else memory.waiting_since_s
-    waited = 0.0 if since_s is None else min(1.0, (now_s - since_s) / STRICT_FOR_S)
+    waited = 0.0 if since_s is None else clamp((now_s - since_s) / STRICT_FOR_S, 0.0, 1.0)
+    allowed_m = (STRICT + (1.0 - STRICT) * waited) * config.touchdown_radius_m
     ready = (
         low
-        and max(error_m, at_touchdown_m) <= (STRICT + (1.0 - STRICT) * waited) * config.touchdown_radius_m
+        and error_m <= allowed_m
+        and at_touchdown_m <= allowed_m
         and relative_speed_m_s <= config.commit_speed_m_s
         and calm
     )
@@ -148,7 +150,7 @@ def sink_speed_m_s(memory: Descent, height_m: float, config: GuidanceConfig) -> 
     if memory.committed:
         return config.touchdown_speed_m_s
     above_m = height_m - config.commit_height_m
-    if not memory.in_cone:
+    if not memory.in_cone or math.isnan(above_m):
         return 0.0
     if above_m <= 0.0:
         return -min(0.3, -above_m)  # climb back to the commit height and try to settle there

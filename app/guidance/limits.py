@@ -10,8 +10,10 @@ from app.frames import Array
 
 
 def limit_norm(vector: Array, limit: float) -> Array:
-    """The vector, shortened to `limit` if it is longer; its direction stays."""
+    """The vector, shortened to `limit` if it is longer; its direction stays. NaN if an element is not finite."""
     norm = float(np.linalg.norm(vector))
+    if not math.isfinite(norm):
+        return np.full_like(vector, math.nan)
     return vector if norm <= limit else vector * (limit / norm)
 
 
@@ -45,11 +47,16 @@ def approach(
         acceleration_max: Limit of the acceleration's norm.
         jerk_max: Limit of the norm of the acceleration's change, a second.
         dt_s: Of this turn.
+
+    Returns:
+        Both (n,); NaN if an argument is not finite.
     """
     missing = wanted - velocity
     distance = float(np.linalg.norm(missing))
     right = np.zeros_like(missing)
-    if distance > 0.0:
+    if not math.isfinite(distance):
+        right = missing  # NaN stays NaN: it must not pass for a velocity that is right already
+    elif distance > 0.0:
         step = jerk_max * dt_s
         turns = max(1, math.ceil((math.sqrt(1.0 + 8.0 * distance / (step * dt_s)) - 1.0) / 2.0))
         size = min(acceleration_max, distance / (turns * dt_s) + 0.5 * step * (turns - 1))

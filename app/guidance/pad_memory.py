@@ -50,5 +50,9 @@ class PadMemory:
 
 
 def is_finite(track: PadTrack) -> bool:
-    """Whether every figure that guidance takes from a track is a number."""
-    return bool(np.isfinite([*track.pos_ned_m, *track.vel_ned_m_s, track.yaw_ned_rad, track.yaw_rate_rad_s]).all())
+    """Whether every figure that guidance can't do without in a track is a number. A lean that is none counts as the
+    steepest there is (PadTrack.lean_rad): a landing that is committed has to know where the pad is all the same.
+    """
+    times_s = (track.t_capture_s, track.t_last_fix_s)
+    turning = (track.yaw_ned_rad, track.yaw_rate_rad_s, track.turn_rate_rad_s)
+    return bool(np.isfinite([*times_s, *track.pos_ned_m, *track.vel_ned_m_s, *turning]).all())

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.config import GuidanceConfig, SafetyConfig
-from app.frames import Array, rotation_from_quaternion, wrap_angle_rad, yaw_from_rotation
+from app.frames import Array, clamp, rotation_from_quaternion, tilt_rad, wrap_angle_rad, yaw_from_rotation
 from app.guidance.descent import Descent, feel_deck, predicted_error_m, sink_speed_m_s, step_descent, touchdown_in_s
 from app.guidance.gusts import Gusts, step_gusts
 from app.guidance.limits import approach, closing_speed_m_s, limit_norm
@@ -114,12 +114,15 @@ class VelocityController:
         if goal.kind in (GoalKind.SEARCH, GoalKind.CLIMB):
             self._anchor_ned_m[:2] += dt_s * np.array(goal.drift_ne_m_s)  # in place: the search pattern's too
         self._start_from(vehicle)
-        self._lean_rad = math.acos(min(1.0, float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])))
+        self._lean_rad = tilt_rad(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz))
         relative = self._relate(goal, track, vehicle, now_s)
         self._feel_gusts(relative, vehicle)
         self._learn_trim(goal, relative, dt_s)
         wanted = self._wanted(goal, relative, track, vehicle, now_s)
         setpoint = self._limit(wanted, relative, vehicle, dt_s, now_s)
+        if not np.isfinite([*setpoint.vel_ned_m_s, *setpoint.acc_ned_m_s2, setpoint.yaw_ned_rad]).all():
+            self.forget()  # one NaN would stay in it: PX4 hears nothing, and its own failsafe acts if this lasts
+            return None, GuidanceStatus(now_s, goal.number)
         if goal.kind is GoalKind.LAND and relative is not None and self._descent.committed:
             # What presses the vehicle onto the pad is no measure of how it would fall beside it.
             sink = min(float(setpoint.vel_ned_m_s[2] - relative.pad.vel_ned_m_s[2]), self._guidance.touchdown_speed_m_s)
@@ -201,7 +204,7 @@ class VelocityController:
         elif goal.kind is GoalKind.CLIMB:
             drift = limit_norm(np.array(goal.drift_ne_m_s), self._guidance.speed_max_m_s)
             wanted[:2] = drift if drift.any() else self._coast(track, now_s)
-            wanted[2] = min(0.0, self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle))
+            wanted[2] = clamp(self._to_height(float(self._anchor_ned_m[2]) - goal.height_m, vehicle), -math.inf, 0.0)
         elif goal.kind in OVER_THE_PAD:
             if relative is None:  # lost: hold the height; the mission decides what comes next
                 if self._followed:  # an emergency: speeding up towards the pad ends at once, jerk or not
@@ -225,7 +228,7 @@ class VelocityController:
 
     def _to_height(self, down_m: float, vehicle: VehicleState) -> float:
         climb = self._guidance.climb_speed_m_s
-        return max(-climb, min(climb, HEIGHT_GAIN_1_S * (down_m - float(vehicle.pos_ned_m[2]))))
+        return clamp(HEIGHT_GAIN_1_S * (down_m - float(vehicle.pos_ned_m[2])), -climb, climb)
 
     def _follow(self, relative: _Relative) -> Array:
         """(2,) the pad's velocity, and a share that closes in; after contact nothing drags the vehicle sideways."""
@@ -280,7 +283,7 @@ class VelocityController:
             )
             return sink_speed_m_s(self._descent, relative.height_m, config)
         sink = HEIGHT_GAIN_1_S * (relative.height_m - goal.height_m)
-        return max(-config.climb_speed_m_s, min(config.descend_speed_m_s, sink))
+        return clamp(sink, -config.climb_speed_m_s, config.descend_speed_m_s)
 
     # --------------------------------------------------------------------------------------------- the limits
     def _limit(
@@ -320,7 +323,7 @@ class VelocityController:
             difference = wrap_angle_rad(relative.pad.yaw_ned_rad - yaw)
             if abs(difference) > YAW_DEADBAND_RAD:
                 step = math.radians(self._guidance.yaw_rate_max_deg_s) * dt_s
-                yaw = wrap_angle_rad(yaw + max(-step, min(step, difference)))
+                yaw = wrap_angle_rad(yaw + clamp(difference, -step, step))
         self._yaw_rad = yaw
         return yaw
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from app.frames import rotation_from_quaternion
+from app.frames import is_rotation, rotation_from_quaternion, tilt_rad
 from app.messages import GuidanceStatus, PadTrack, VehicleState
 
 HEIGHT_MAX_M = 0.45
@@ -29,7 +29,7 @@ def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: Gu
     """Whether every condition holds now: committed, in contact long enough, at the pad's height, slow and level."""
     if track is None or not (guidance.committed and guidance.contact):
         return False
-    if now_s - min(guidance.t_s, vehicle.t_capture_s) > WORD_AGE_MAX_S:
+    if not all(now_s - said_s <= WORD_AGE_MAX_S for said_s in (guidance.t_s, vehicle.t_capture_s)):
         return False
     if guidance.height_above_pad_m is None or guidance.relative_speed_m_s is None:
         return False
@@ -37,8 +37,8 @@ def may_force_disarm(vehicle: VehicleState, track: PadTrack | None, guidance: Gu
         return False
     if not guidance.relative_speed_m_s <= RELATIVE_SPEED_MAX_M_S:  # so put, NaN forbids
         return False
-    cos_tilt = float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])
-    if math.acos(max(-1.0, min(1.0, cos_tilt))) > TILT_MAX_RAD:
+    q = vehicle.q_ned_from_body_wxyz
+    if not is_rotation(q) or not tilt_rad(rotation_from_quaternion(q)) <= TILT_MAX_RAD:
         return False
     moving = math.hypot(track.vel_ned_m_s[0], track.vel_ned_m_s[1]) > MOVING_PAD_M_S
     return guidance.contact_held_s >= (HELD_MOVING_S if moving else HELD_STATIC_S)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.config import SafetyConfig
-from app.frames import Array, rotation_from_quaternion
+from app.frames import Array, is_rotation, rotation_from_quaternion, tilt_rad
 from app.messages import CameraStatus, Hazard, PadTrack, Response, TrackCheck, VehicleState, Verdict
 
 MODE_AGE_MAX_S = 1.5
@@ -77,9 +77,9 @@ def _vehicle_state(seen: SafetyInputs, vehicle: VehicleState, now_s: float, conf
 
 
 def _mode(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
-    age_s = max(vehicle.mode_age_s, vehicle.armed_age_s)
-    if not age_s <= MODE_AGE_MAX_S:
-        return Verdict(Hazard.MODE_UNKNOWN, f"PX4's mode is {_age(age_s)}")
+    for what, age_s in (("mode", vehicle.mode_age_s), ("arming state", vehicle.armed_age_s)):
+        if not age_s <= MODE_AGE_MAX_S:
+            return Verdict(Hazard.MODE_UNKNOWN, f"PX4's {what} is {_age(age_s)}")
     return None
 
 
@@ -92,11 +92,10 @@ def _position(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: S
 
 
 def _tilt(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
-    if not np.isfinite(vehicle.q_ned_from_body_wxyz).all():
-        return Verdict(Hazard.TILT_EXCESSIVE, "attitude is not a number")
-    cos_tilt = float(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)[2, 2])
-    tilt_deg = math.degrees(math.acos(max(-1.0, min(1.0, cos_tilt))))
-    if tilt_deg > config.tilt_max_deg:
+    if not is_rotation(vehicle.q_ned_from_body_wxyz):
+        return Verdict(Hazard.TILT_EXCESSIVE, "PX4's attitude is not a rotation")
+    tilt_deg = math.degrees(tilt_rad(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)))
+    if not tilt_deg <= config.tilt_max_deg:
         return Verdict(Hazard.TILT_EXCESSIVE, f"tilt {tilt_deg:.0f} over {config.tilt_max_deg:.0f} deg")
     return None
 
@@ -117,6 +116,8 @@ def _distance(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: S
         return None
     away = vehicle.pos_ned_m - seen.home_ned_m
     distance_m = math.hypot(away[0], away[1])
+    if not math.isfinite(distance_m):
+        return Verdict(Hazard.TOO_FAR, "distance from home is not known")
     if distance_m > config.distance_from_home_max_m:
         return Verdict(Hazard.TOO_FAR, f"{distance_m:.0f} m away, over {config.distance_from_home_max_m:.0f}")
     return None
@@ -126,6 +127,8 @@ def _height(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: Saf
     if seen.home_ned_m is None:
         return None
     height_m = -float(vehicle.pos_ned_m[2] - seen.home_ned_m[2])
+    if not math.isfinite(height_m):
+        return Verdict(Hazard.TOO_HIGH, "height over home is not known")
     if height_m > config.height_max_m:
         return Verdict(Hazard.TOO_HIGH, f"{height_m:.0f} m high, over {config.height_max_m:.0f}")
     return None
@@ -133,11 +136,8 @@ def _height(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: Saf
 
 def _frames(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
     """By arrival too, where arrivals are known: a frame's own time may be wrong, and lie ahead."""
-    newest_s = seen.last_frame_s
-    if newest_s is not None and seen.camera is not None:
-        arrived_s = seen.camera.new_frame_s
-        newest_s = None if arrived_s is None else min(newest_s, arrived_s)
-    if newest_s is None or not now_s - newest_s <= config.frames_stale_s:
+    times_s = (seen.last_frame_s,) if seen.camera is None else (seen.last_frame_s, seen.camera.new_frame_s)
+    if not all(t_s is not None and now_s - t_s <= config.frames_stale_s for t_s in times_s):
         return Verdict(Hazard.FRAMES_STALE, "no camera frames")
     return None
 

@@ -15,6 +15,7 @@ import numpy as np
 from app.channels import Latest, Topic
 from app.clock import Clock
 from app.config import EstimationConfig, SafetyConfig
+from app.frames import is_rotation
 from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
 from app.messages import (
@@ -111,9 +112,11 @@ def _decide(
         controller.forget()
         precland.forget()
         return None, None, None
-    if not np.isfinite([*vehicle.pos_ned_m, *vehicle.vel_ned_m_s, *vehicle.q_ned_from_body_wxyz]).all():
+    known = np.isfinite([*vehicle.pos_ned_m, *vehicle.vel_ned_m_s]).all()
+    if not known or not is_rotation(vehicle.q_ned_from_body_wxyz):
         return None, None, None
-    if now_s - order.t_s > safety.setpoint_gap_max_s or now_s - vehicle.t_capture_s > safety.vehicle_state_stale_s:
+    fresh = now_s - order.t_s <= safety.setpoint_gap_max_s
+    if not (fresh and now_s - vehicle.t_capture_s <= safety.vehicle_state_stale_s):  # so put, NaN is old
         return None, None, None
     if order.goal.kind is not GoalKind.PRECLAND:
         precland.forget()

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from app.channels import Latest, Topic, Window
+from app.estimation.fix import is_finite
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
 from app.log import get_logger
@@ -52,7 +53,7 @@ async def run_pose(
         if at_capture is None:
             continue
         fix = await compute(partial(make_fix, detection, at_capture.state))
-        if fix is None or not np.isfinite([*fix.pad_pos_ned_m, *fix.covariance_ned_m2.flat, fix.pad_yaw_ned_rad]).all():
+        if fix is None:
             continue
         turning = history.turning_rad_s(exposed_s)
         shift = (
@@ -65,5 +66,7 @@ async def run_pose(
             travelled_ned_m=at_capture.travelled_ned_m,
             shift_ned_m_s=shift,
         )
+        if not is_finite(fix):
+            continue
         fixes.publish(fix)
         tracks.publish(estimator.update(fix))

@@ -123,3 +123,41 @@ def test_transform_apply_takes_one_point_or_many():
     a_from_b = frames.Transform(frames.rotation_from_yaw(HALF_PI), np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(a_from_b.apply(FORWARD), [1.0, 3.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(a_from_b.apply(np.eye(3))[1], [0.0, 2.0, 3.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.35, HALF_PI, 3.0, math.pi])
+@given(about=angles, yaw=angles)
+def test_tilt_is_the_angle_from_level_whatever_the_heading(angle, about, yaw):
+    axis = math.cos(about) * FORWARD + math.sin(about) * RIGHT
+    rotation, _ = cv2.Rodrigues(angle * axis)
+    assert frames.tilt_rad(frames.rotation_from_yaw(yaw) @ rotation) == pytest.approx(angle, abs=1e-12)
+
+
+@pytest.mark.parametrize("element", range(3))
+def test_tilt_of_what_is_not_a_number_is_not_level(element):
+    rotation = np.eye(3)
+    rotation[element, 2] = math.nan
+    assert math.isnan(frames.tilt_rad(rotation))
+
+
+@pytest.mark.parametrize(("value", "clamped"), [(-3.0, -1.0), (-1.0, -1.0), (0.5, 0.5), (2.0, 2.0), (math.inf, 2.0)])
+def test_clamp_keeps_a_value_between_its_limits(value, clamped):
+    assert frames.clamp(value, -1.0, 2.0) == clamped
+
+
+def test_clamp_leaves_nan_as_it_is():
+    assert math.isnan(frames.clamp(math.nan, -1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("q", "expected"),
+    [
+        ([1.0, 0.0, 0.0, 0.0], True),
+        ([0.0, -2.0, 0.0, 0.0], True),
+        ([0.0, 0.0, 0.0, 0.0], False),
+        ([math.nan, 0.0, 0.0, 1.0], False),
+        ([math.inf, 0.0, 0.0, 1.0], False),
+    ],
+)
+def test_quaternion_is_a_rotation_if_it_has_a_length(q, expected):
+    assert frames.is_rotation(np.array(q)) is expected

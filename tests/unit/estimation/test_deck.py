@@ -56,3 +56,17 @@ def test_track_tells_the_lean_ahead_less_what_it_is_unsure_by(ahead_s, lean_deg)
     )
     assert math.degrees(track.lean_rad(ahead_s)) == pytest.approx(lean_deg)
     assert math.degrees(track.at(10.0 + ahead_s).lean_rad(0.0)) == pytest.approx(lean_deg)
+
+
+@pytest.mark.parametrize("unknown", ["lean_ne_rad", "lean_rate_ne_rad_s"])
+@pytest.mark.parametrize("part", [0, 1])
+def test_track_whose_lean_is_not_a_number_is_as_far_from_level_as_can_be(unknown, part):
+    lean = tuple(math.nan if k == part else 0.0 for k in range(2))
+    track = PadTrack(10.0, np.zeros(3), np.zeros(3), np.eye(6), 0.0, 0.0, 10.0, 9, **{unknown: lean})
+    assert track.lean_rad(0.5) == math.inf
+
+
+@pytest.mark.parametrize(("ahead_s", "sigma_rad"), [(math.nan, 0.0), (0.5, math.nan), (0.5, math.inf)])
+def test_track_whose_lean_cannot_be_told_ahead_is_not_level(ahead_s, sigma_rad):
+    track = PadTrack(10.0, np.zeros(3), np.zeros(3), np.eye(6), 0.0, 0.0, 10.0, 9, lean_sigma_rad=sigma_rad)
+    assert track.lean_rad(ahead_s) == math.inf

@@ -5,10 +5,24 @@ import numpy as np
 import pytest
 
 from app.config import CameraConfig
-from app.estimation.fix import ATTITUDE_SIGMA_RAD, MEMORY_S, FixMaker, PoseEstimate, pad_fix, pose_estimator
+from app.estimation.fix import (
+    ATTITUDE_SIGMA_RAD,
+    MEMORY_S,
+    FixMaker,
+    PoseEstimate,
+    is_finite,
+    pad_fix,
+    pose_estimator,
+)
 from app.estimation.mount import body_from_cam, level_from_cam
-from app.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from app.messages import CameraPose, Detection, SeenContour, VehicleState
+from app.frames import (
+    BODY_FROM_CAM_DOWN,
+    Transform,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
+from app.messages import CameraPose, Detection, PadFix, SeenContour, VehicleState
 from app.vision.camera_model import lens_from_config
 from app.vision.plane import plane_fit_from_corners
 
@@ -214,3 +228,35 @@ def test_frame_without_the_landmark_gives_no_fix(scene):
     lens = lens_from_config(scene.fisheye.config)
     make = FixMaker(pose_estimator(scene.landmark, lens, "pnp"), body_from_cam(camera()))
     assert make(Detection(5.0, 1, reason="no"), vehicle()) is None
+
+
+NOT_FINITE = {
+    "t_capture_s": math.nan,
+    "pad_pos_ned_m": np.array([0.0, math.inf, 0.0]),
+    "pad_from_vehicle_ned_m": np.full(3, math.nan),
+    "covariance_ned_m2": np.diag([1.0, 1.0, math.nan]),
+    "pad_yaw_ned_rad": math.nan,
+    "yaw_sigma_rad": math.nan,
+    "pad_tilt_rad": math.nan,
+    "pad_normal_ned": np.array([0.0, math.nan, 1.0]),
+    "normal_sigma_rad": math.inf,
+    "travelled_ned_m": np.full(3, math.nan),
+    "shift_ned_m_s": np.array([math.nan, 0.0, 0.0]),
+    "delay_s": math.nan,
+}
+
+
+@pytest.mark.parametrize("name", list(NOT_FINITE))
+def test_fix_with_one_figure_that_is_not_a_number_is_told_from_a_whole_one(name):
+    whole = PadFix(10.0, np.zeros(3), np.zeros(3), np.eye(3), 0.0, 0.01, "4433", pad_normal_ned=np.eye(3)[2])
+    assert is_finite(whole)
+    assert not is_finite(replace(whole, **{name: NOT_FINITE[name]}))
+
+
+def test_fix_from_a_pose_that_is_not_a_number_claims_no_tilt_and_no_certainty():
+    """A pose whose turn is of unknown size: neither may its slope pass for level nor its deviation for zero."""
+    pose = CameraPose(np.array([0.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0, 0.0]), np.full((6, 6), math.nan), 0.1)
+    state = VehicleState(10.0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    fix = pad_fix(Detection(10.0, 1), pose, state, Transform(BODY_FROM_CAM_DOWN, np.zeros(3)))
+    assert math.isnan(fix.normal_sigma_rad) and math.isnan(fix.yaw_sigma_rad)
+    assert not is_finite(fix)

@@ -41,6 +41,17 @@ def driving(seconds: float, *, vel=(3.0, -1.5, 0.0), from_s: float = 100.0) -> l
     return [fix(from_s + t, tuple(np.array(vel) * t)) for t in times]
 
 
+def test_track_that_is_not_a_number_accepts_no_fix_and_is_begun_anew():
+    """However it came about: a distance that is not a number is not inside the gate."""
+    estimator = TargetEstimator(CONFIG)
+    begun = run(estimator, driving(1.0))
+    estimator._track = replace(begun, pos_ned_m=np.full(3, math.nan))
+    tracks = [estimator.update(one) for one in driving(0.4, from_s=101.0)]
+    assert [track.fixes_rejected_in_row for track in tracks[:7]] == list(range(1, 8))
+    assert np.isfinite(tracks[8].pos_ned_m).all()
+    assert np.isfinite(tracks[-1].covariance).all() and tracks[-1].fixes_accepted == 5
+
+
 # ------------------------------------------------------------------------------------------------------------- by hand
 def test_first_fix_starts_the_track_where_it_is_at_rest_and_unsure_of_its_speed():
     track = TargetEstimator(CONFIG).update(fix(100.0, (4.0, 5.0, 0.5), sigma_m=0.1))

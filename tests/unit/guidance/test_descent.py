@@ -215,3 +215,44 @@ def test_sink_in_the_cone_falls_towards_the_commit_height(a, b):
 def test_cone_never_widens_downward(a, b):
     low, high = sorted((a, b))
     assert cone_radius_m(low, CONFIG) <= cone_radius_m(high, CONFIG) <= 3.0
+
+
+FIGURES = {"error_m": 0.02, "height_m": 0.4, "relative_speed_m_s": 0.1, "predicted_m": 0.02, "lean_rad": 0.0}
+
+
+def stepped(memory: Descent, **changes: float) -> Descent:
+    figures = {**FIGURES, **changes}
+    speed_m_s, lean_rad = figures["relative_speed_m_s"], figures["lean_rad"]
+    return step_descent(
+        memory, figures["error_m"], figures["height_m"], speed_m_s, CONFIG, 9.0, figures["predicted_m"], lean_rad
+    )
+
+
+def test_commit_is_made_where_every_figure_is_known_and_small():
+    assert stepped(Descent(in_cone=True)).committed
+
+
+@pytest.mark.parametrize("unknown", list(FIGURES))
+def test_commit_is_not_made_while_a_figure_is_not_a_number(unknown):
+    assert not stepped(Descent(in_cone=True), **{unknown: math.nan}).committed
+
+
+@pytest.mark.parametrize("unknown", ["relative_speed_m_s", "predicted_m", "lean_rad"])
+def test_commit_is_taken_back_above_the_deck_once_a_figure_is_not_a_number(unknown):
+    assert not stepped(Descent(in_cone=True, committed=True), **{unknown: math.nan}).committed
+
+
+def test_commit_whose_height_is_not_a_number_is_kept_and_nothing_climbs():
+    assert stepped(Descent(in_cone=True, committed=True), height_m=math.nan, predicted_m=math.nan).committed
+
+
+@pytest.mark.parametrize("in_cone", [True, False])
+def test_height_that_is_not_a_number_is_outside_the_cone_and_sinks_nothing(in_cone):
+    memory = Descent(in_cone=in_cone)
+    assert not stepped(memory, height_m=math.nan).in_cone
+    assert sink_speed_m_s(memory, math.nan, CONFIG) == 0.0
+
+
+@pytest.mark.parametrize(("clear_m", "sink_m_s"), [(math.nan, 0.5), (0.3, math.nan)])
+def test_touchdown_that_cannot_be_told_is_not_now(clear_m, sink_m_s):
+    assert math.isnan(touchdown_in_s(clear_m, sink_m_s, 0.6))

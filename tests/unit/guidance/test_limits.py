@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -105,3 +107,13 @@ def test_approach_with_an_acceleration_that_points_away_passes_by_no_more_than_t
     assert velocities[:, 0].max() <= 1.0 + 0.067
     assert velocities[:, 0].min() >= 1.0 - 1e-9
     np.testing.assert_allclose(velocities[-1], [1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("argument", ["velocity", "acceleration", "wanted"])
+def test_approach_to_or_from_what_is_not_finite_is_not_a_number(bad, argument):
+    """It must never pass for a velocity that is right already: the vehicle would fly on at its last one."""
+    figures = {name: np.zeros(2) for name in ("velocity", "acceleration", "wanted")}
+    figures[argument][0] = bad
+    velocity, _ = approach(**figures, acceleration_max=3.0, jerk_max=30.0, dt_s=0.02)
+    assert not np.isfinite(velocity).all()

@@ -156,7 +156,14 @@ def test_track_of_a_driving_pad_that_is_lost_is_coasted_with_never_chased(kind):
 
 @pytest.mark.parametrize(
     "bad",
-    [{"pos_ned_m": np.array([np.nan, 0, 0])}, {"vel_ned_m_s": np.array([0, np.inf, 0])}, {"yaw_ned_rad": math.nan}],
+    [
+        {"pos_ned_m": np.array([np.nan, 0, 0])},
+        {"vel_ned_m_s": np.array([0, np.inf, 0])},
+        {"yaw_ned_rad": math.nan},
+        {"turn_rate_rad_s": math.nan},
+        {"t_capture_s": math.nan},
+        {"t_last_fix_s": math.nan},
+    ],
 )
 def test_track_that_is_not_finite_is_no_track(bad):
     setpoint, status = controller().step(
@@ -167,6 +174,31 @@ def test_track_that_is_not_finite_is_no_track(bad):
         and np.isfinite([*setpoint.vel_ned_m_s, *setpoint.acc_ned_m_s2, setpoint.yaw_ned_rad]).all()
     )
     assert status.horizontal_error_m is None
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        Goal(GoalKind.SEARCH, 5.0, np.array([0.0, 0.0, np.nan]), 1),
+        Goal(GoalKind.SEARCH, math.nan, np.zeros(3), 1),
+        Goal(GoalKind.CLIMB, math.nan, np.zeros(3), 1),
+        Goal(GoalKind.CLIMB, 5.0, np.zeros(3), 1, (math.nan, 0.0)),
+        Goal(GoalKind.TRACK, math.nan, np.zeros(3), 1),
+    ],
+    ids=["search over nowhere", "search", "climb", "climb along", "track"],
+)
+def test_goal_that_is_not_finite_yields_no_setpoint_and_the_next_one_is_flown(goal):
+    steering = controller()
+    assert steering.step(goal, pad(100.0), vehicle(100.0), 100.0)[0] is None
+    setpoint, _ = steering.step(Goal(GoalKind.STAY, number=2), pad(100.02), vehicle(100.02), 100.02)
+    assert setpoint is not None and np.isfinite(setpoint.vel_ned_m_s).all()
+
+
+def test_deck_whose_lean_is_not_a_number_is_not_landed_on():
+    level, unknown = pad(100.0), replace(pad(100.0), lean_rate_ne_rad_s=(math.nan, 0.0))
+    state, goal = vehicle(100.0, (0.0, 0.0, -0.3)), Goal(GoalKind.LAND, number=1)
+    assert controller().step(goal, level, state, 100.0)[1].committed
+    assert not controller().step(goal, unknown, state, 100.0)[1].committed
 
 
 # ------------------------------------------------------------------------------------------------------------- landing

@@ -57,6 +57,8 @@ def test_everything_at_rest_on_a_moving_pad_may_be_disarmed():
         {"relative_speed_m_s": None},
         {"relative_speed_m_s": 0.9},
         {"relative_speed_m_s": math.nan},
+        {"contact_held_s": math.nan},
+        {"t_s": math.nan},
         {"t_s": 99.6},
     ],
 )
@@ -73,8 +75,14 @@ def test_tilt_forbids_it(tilt_deg, allowed):
     assert may_force_disarm(vehicle(tilt_deg), track(), word(), NOW_S) is allowed
 
 
-def test_vehicle_state_that_is_old_forbids_it():
-    assert not may_force_disarm(vehicle(t_s=99.6), track(), word(), NOW_S)
+@pytest.mark.parametrize("q", [np.full(4, math.nan), np.zeros(4)], ids=["nan", "zero"])
+def test_attitude_that_is_no_rotation_forbids_it(q):
+    assert not may_force_disarm(replace(vehicle(), q_ned_from_body_wxyz=q), track(), word(), NOW_S)
+
+
+@pytest.mark.parametrize("t_s", [99.6, math.nan])
+def test_vehicle_state_that_is_old_forbids_it(t_s):
+    assert not may_force_disarm(vehicle(t_s=t_s), track(), word(), NOW_S)
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,11 @@ def test_no_vehicle_is_a_lost_link():
         ({"estimator_age_s": 3.1}, Hazard.POSITION_LOST),
         ({"t_capture_s": math.nan}, Hazard.VEHICLE_STATE_STALE),
         ({"q_ned_from_body_wxyz": np.full(4, math.nan)}, Hazard.TILT_EXCESSIVE),
+        ({"q_ned_from_body_wxyz": np.zeros(4)}, Hazard.TILT_EXCESSIVE),
+        ({"mode_age_s": math.nan}, Hazard.MODE_UNKNOWN),
+        ({"armed_age_s": math.nan}, Hazard.MODE_UNKNOWN),
+        ({"estimator_age_s": math.nan}, Hazard.POSITION_LOST),
+        ({"battery_age_s": math.nan}, Hazard.BATTERY_UNKNOWN),
         ({"pos_ned_m": np.array([10.0 + 180.0, 20.0 + 239.9, 0.0])}, None),  # 3-4-5: 300 m
         ({"pos_ned_m": np.array([10.0 - 180.0, 20.0 - 240.1, 0.0])}, Hazard.TOO_FAR),
         ({"pos_ned_m": np.array([10.0, 20.0, -28.9])}, None),  # home is 1 m below the origin
@@ -96,6 +101,21 @@ def test_hazard_at_its_limit(changes, expected):
 )
 def test_frames_that_stop_are_a_hazard(frame_s, expected):
     assert hazard(vehicle(), frame_s=frame_s) is expected
+
+
+@pytest.mark.parametrize("frame_s", [math.nan, 100.0])
+@pytest.mark.parametrize("arrived_s", [math.nan, None])
+def test_frames_whose_times_are_not_known_are_a_hazard(frame_s, arrived_s):
+    seen = SafetyInputs(vehicle(), HOME, frame_s, CameraStatus(100.0, new_frame_s=arrived_s))
+    assert [verdict.hazard for verdict in judge(seen, 100.0, CONFIG)] == [Hazard.FRAMES_STALE]
+
+
+@pytest.mark.parametrize(
+    ("home", "expected"),
+    [(np.array([np.nan, 20.0, 1.0]), Hazard.TOO_FAR), (np.array([10.0, 20.0, np.nan]), Hazard.TOO_HIGH)],
+)
+def test_home_that_is_not_a_number_is_a_hazard(home, expected):
+    assert hazard(vehicle(), home=home) is expected
 
 
 def test_distance_and_height_without_a_home_are_no_hazard():

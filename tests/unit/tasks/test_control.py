@@ -115,7 +115,15 @@ def test_control_falls_silent_when_the_vehicle_state_is_old(fakes: Any):
     assert 11.0 + 0.46 <= bench.sent_s().max() <= 11.0 + 0.5
 
 
-@pytest.mark.parametrize("bad", [{"pos_ned_m": np.array([0.0, math.nan, 0.0])}, {"vel_ned_m_s": np.full(3, math.inf)}])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"pos_ned_m": np.array([0.0, math.nan, 0.0])},
+        {"vel_ned_m_s": np.full(3, math.inf)},
+        {"q_ned_from_body_wxyz": np.full(4, math.nan)},
+        {"q_ned_from_body_wxyz": np.zeros(4)},
+    ],
+)
 def test_control_is_silent_on_a_vehicle_state_that_is_not_finite(fakes: Any, bad):
     async def scenario(bench: Bench) -> None:
         await bench.fly(0.5)
