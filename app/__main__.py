@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 
 from app.errors import AlightError
 
@@ -12,7 +13,20 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line. Nothing that it does waits for whoever reads standard error."""
+    from app.log import standard_error_in_background
+
+    with standard_error_in_background():
+        try:
+            code = _run()
+        except Exception:  # a bug keeps its traceback, and here it waits for nobody who reads it
+            sys.stderr.write(traceback.format_exc())
+            code = 1
+    sys.exit(code)
+
+
+def _run() -> int:
+    """The command's exit code."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # decoders: what they would print is said by our errors
     # Vision's matrices are small, and it has one thread; a pool of them spins on the cores that the rest needs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,7 +52,7 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python would try again at its end, and cry
         code = code or 1
-    sys.exit(code if isinstance(code, int) else 0)
+    return code if isinstance(code, int) else 0
 
 
 def _told(words: str) -> int:

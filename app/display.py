@@ -1,9 +1,12 @@
-"""What a person sees while it flies: state, height, distance, frame rate. Reads queues, decides nothing."""
+"""What a person sees while it flies: state, height, distance, frame rate. Reads queues, decides nothing.
+
+It is written by a thread of its own (app/output.py): a terminal that is paused must not stop a flight.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TextIO
+from typing import TextIO, cast
 
 from rich.console import Console
 from rich.live import Live
@@ -12,11 +15,13 @@ from rich.table import Table
 from app.channels import Latest
 from app.log import unfailing
 from app.messages import Detection, GuidanceStatus, MissionReport, OperatorText, PadTrack, VehicleState
+from app.output import BackgroundStream
 
 
 def open_console(stream: TextIO, *, plain: bool = False) -> Console:
     """Where a person looks: a console whose failures end no flight; plain: nothing in it changes in place."""
-    return Console(file=unfailing(stream), force_terminal=False if plain else None)
+    file = stream if isinstance(stream, BackgroundStream) else unfailing(stream)
+    return Console(file=file, force_terminal=False if plain else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +42,7 @@ class Display:
     Args:
         title: What flies.
         watched: Where to look.
-        console: Where to write.
+        console: Where to write; while the display is shown, by a thread.
         tells: Whether each change of state gets a line that stays; not where the log tells it.
     """
 
@@ -47,10 +52,18 @@ class Display:
         self._watched = watched
         self._console = console
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+        self._stream: BackgroundStream | None = None
+        self._before: TextIO | None = None
         self._shown: tuple[str, str] | None = None
         self._frames: list[tuple[float, int]] = []
 
     def __enter__(self) -> Display:
+        file = self._console.file
+        if isinstance(file, BackgroundStream):
+            self._stream = file  # the log's own: then both come in their order
+        else:
+            self._before, self._stream = cast(TextIO, file), BackgroundStream(cast(TextIO, file))
+            self._console.file = cast(TextIO, self._stream)
         if self._live is not None:
             self._live.start()
         return self
@@ -58,6 +71,9 @@ class Display:
     def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
+        if self._before is not None and self._stream is not None:
+            self._stream.close()
+            self._console.file, self._before = self._before, None
 
     def refresh(self, now_s: float) -> None:
         """Show what is newest; call it a few times a second."""
@@ -72,7 +88,8 @@ class Display:
         else:
             row = Table.grid(padding=(0, 2))
             row.add_row(f"[bold]{self._title}[/]", f"[bold cyan]{phase:<9}[/]", figures, f"[dim]{reason}[/]")
-            self._live.update(row, refresh=True)
+            # A terminal that is paused gets no figures of long ago when it goes on.
+            self._live.update(row, refresh=self._stream is None or not self._stream.is_behind)
             if self._tells and report is not None and self._shown is not None and (phase, reason) != self._shown:
                 self._console.print(f"  {self._title}: {reason}", highlight=False)
         self._shown = (phase, reason)

@@ -1,7 +1,8 @@
 """Structured logs: coloured on a terminal, JSON elsewhere. Events are `noun.past_verb` with fields that carry units.
 
 A log or a display that nobody can read any more (a closed pipe, a terminal that hung up, a full disk) must not end a
-flight: what can't be written is left out.
+flight: what can't be written is left out. Nor may one that nobody reads stop it (a terminal that is paused, a full
+pipe): inside `standard_error_in_background` it is written by a thread of its own (app/output.py).
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
 import structlog
+
+from app.output import BackgroundStream
 
 
 class _Unfailing:
@@ -46,6 +49,29 @@ def unfailing(stream: TextIO) -> TextIO:
     return cast(TextIO, _Unfailing(lambda: stream))
 
 
+@contextlib.contextmanager
+def standard_error_in_background() -> Iterator[None]:
+    """Whatever is written to standard error inside this is written by a thread of its own; at the end, what waits is
+    written for a bounded time.
+    """
+    before = sys.stderr
+    stream = BackgroundStream(before, _left_out)
+    sys.stderr = cast(TextIO, stream)
+    try:
+        yield
+    finally:
+        stream.close()
+        sys.stderr = before
+
+
+def _left_out(lines: int) -> str:
+    """The log event that tells how many lines were left out."""
+    event: Any = {"event": "log.lines_left_out", "part": "log", "lines": lines, "why": "standard error was not read"}
+    for process in structlog.get_config()["processors"]:
+        event = process(None, "warning", event)
+    return f"{event}\n"
+
+
 # The present one, since a display that changes in place puts its own there: lines then go above it.
 _STANDARD_ERROR = cast(TextIO, _Unfailing(lambda: sys.stderr))
 
@@ -68,7 +94,7 @@ def configure_logging(*, verbose: bool = False, quiet: bool = False) -> None:
             renderer,
         ],
         wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(file=_STANDARD_ERROR),
+        logger_factory=structlog.WriteLoggerFactory(file=_STANDARD_ERROR),
         cache_logger_on_first_use=False,
     )
 

@@ -23,7 +23,7 @@ import cv2
 
 from app.config import CameraConfig, LensConfig, PadConfig, RigConfig, WorldConfig, read_config, resolve
 from app.errors import AlightError, ConfigError
-from app.log import configure_logging, get_logger
+from app.log import configure_logging, get_logger, standard_error_in_background
 from drivers.simulator.film import Film
 from drivers.simulator.frame_server import FrameServer
 from drivers.simulator.live import LiveWorld
@@ -143,7 +143,12 @@ def _watch_stdin(stop: threading.Event) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The process: its exit code."""
+    """The process: its exit code. The vehicle does not wait for whoever reads its log."""
+    with standard_error_in_background():
+        return _main(argv)
+
+
+def _main(argv: list[str] | None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     configure_logging()
     cv2.setNumThreads(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 
 import numpy as np
 import pytest
@@ -127,3 +128,29 @@ def test_display_that_nobody_can_see_any_more_ends_nothing(seen, plain):
         display.refresh(0.0)
         seen.report(Phase.SEARCH, "search: height reached")
         display.refresh(0.25)
+
+
+class Stuck(io.StringIO):
+    """A terminal that is paused (Ctrl-S) until it is let go on."""
+
+    def __init__(self):
+        super().__init__()
+        self.goes_on = threading.Event()
+
+    def write(self, text):
+        assert self.goes_on.wait(30.0)
+        return super().write(text)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_display_on_a_terminal_that_is_paused_holds_nobody_up_and_goes_on_with_what_is_newest(seen, terminal):
+    below = Stuck()
+    console = Console(file=below, force_terminal=terminal, width=200)
+    with Display("car", seen.watched, console) as display:
+        seen.report(Phase.SEARCH, "search: height reached")
+        for k in range(400):
+            seen.height(k / 100.0)
+            display.refresh(0.25 * k)
+        below.goes_on.set()
+    assert console.file is below
+    assert below.getvalue().count("search: height reached") <= 2  # figures of long ago are left out

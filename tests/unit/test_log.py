@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import json
 import sys
+import threading
 
 import pytest
 import structlog
 
-from app.log import configure_logging, get_logger
+from app.log import configure_logging, get_logger, standard_error_in_background
 
 
 @pytest.fixture(autouse=True)
@@ -75,3 +76,39 @@ def test_log_follows_standard_error_to_where_a_display_puts_it(monkeypatch):
     log.info("thing.happened")
     assert first.getvalue() == ""
     assert json.loads(second.getvalue())["event"] == "thing.happened"
+
+
+class Stuck(io.StringIO):
+    """A terminal that is paused (Ctrl-S) until it is let go on."""
+
+    def __init__(self):
+        super().__init__()
+        self.goes_on = threading.Event()
+
+    def write(self, text):
+        assert self.goes_on.wait(30.0)
+        return super().write(text)
+
+
+def test_log_in_background_is_written_in_order_by_the_end_and_standard_error_is_put_back(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", below := io.StringIO())
+    with standard_error_in_background():
+        configure_logging()
+        for number in range(100):
+            get_logger("test").info("thing.happened", number=number)
+    assert sys.stderr is below
+    assert [json.loads(line)["number"] for line in below.getvalue().splitlines()] == list(range(100))
+
+
+def test_log_that_is_paused_holds_nobody_up_and_tells_how_many_lines_were_left_out(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", below := Stuck())
+    with standard_error_in_background():
+        configure_logging()
+        log = get_logger("test")
+        for _ in range(5000):
+            log.info("thing.happened", words="x" * 100)
+        below.goes_on.set()
+    events = [json.loads(line) for line in below.getvalue().splitlines()]
+    (note,) = [event for event in events if event["event"] == "log.lines_left_out"]
+    assert note["level"] == "warning"
+    assert note["lines"] == 5000 - (len(events) - 1)
