@@ -276,6 +276,15 @@ class MissionConfig(Section):
     landing_tries: int = Field(default=3, ge=1, le=20)
     abort_action: Literal["hold", "return", "land"] = "return"
     failure_action: Literal["hold", "return", "land"] = "hold"
+    hold_max_s: float = Field(
+        default=120.0, gt=0, le=3600, description="how long a hold after a failed mission lasts; then hold_end_action"
+    )
+    hold_end_action: Literal["return", "land"] = Field(
+        default="return", description="what ends a hold that nobody ended: PX4's return to launch, or its landing there"
+    )
+    resume_within_s: float = Field(
+        default=2.0, ge=0, le=10, description="a mission goes on by itself after a lost link or a stall this short"
+    )
 
 
 class SafetyConfig(Section):

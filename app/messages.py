@@ -567,11 +567,13 @@ class CommandAnswer:
         number: Of the command.
         result: MAV_RESULT.
         progress_percent: 0..100 with IN_PROGRESS.
+        asks_confirmation: The command is carried out if it is sent again: it would start the motors.
     """
 
     number: int
     result: CommandResult
     progress_percent: int = 0
+    asks_confirmation: bool = False
 
 
 class Severity(IntEnum):
@@ -612,6 +614,10 @@ class Phase(StrEnum):
     HOLD = "hold"
     RETURN = "return"
     FALLBACK_LAND = "fallback_land"
+    SUSPENDED = "suspended"
+    """Nothing is sent, because the link or PX4's state is not known. It resumes if all is soon as before."""
+    DISARM = "disarm"
+    """On the ground: PX4 is asked to disarm until it shows, also if an ARM may still be on its way."""
 
 
 class GoalKind(StrEnum):
@@ -723,6 +729,10 @@ class MissionReport:
         reason: Why the phase was entered.
         tries: Approaches that failed.
         command: Name of the running command, or None.
+        committed: A landing is being finished.
+        contact: The vehicle rests on something.
+        may_force_disarm: Safety allowed a forced disarm at this time.
+        pad_drives: The pad moves: a vehicle that stays where it is would be left behind on the road.
     """
 
     t_s: float
@@ -731,6 +741,10 @@ class MissionReport:
     reason: str
     tries: int
     command: str | None
+    committed: bool = False
+    contact: bool = False
+    may_force_disarm: bool = False
+    pad_drives: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,6 +69,8 @@ METERED_FRAMES = 8
 """Frames that wait for their detection, to be metered with it."""
 EXECUTOR_THREADS = 16
 """MAVSDK's calls wait in the loop's default executor: a few hanging actions must not use it up."""
+WIND_DOWN_MAX_S = 20.0
+"""8 s to finish a landing, and then PX4's answer to a landing or a hold, asked for three times."""
 CLOSING_S = 20.0
 """systemd waits this long for everything to be closed: the record alone may take 10 s. The hold's time comes on top."""
 
@@ -256,7 +258,8 @@ class Application:
 
         async with asyncio.TaskGroup() as group:
             mission = group.create_task(
-                run_mission(queues=queues, settings=settings, clock=parts.clock), name="mission"
+                run_mission(queues=queues, settings=settings, clock=parts.clock, stopping=self._stop.is_set),
+                name="mission",
             )
             tasks = [
                 group.create_task(run_telemetry(autopilot=autopilot, vehicle=self.vehicle), name="telemetry"),
@@ -278,7 +281,9 @@ class Application:
             log.info("application.started", setpoint_rate_hz=config.autopilot.setpoint_rate_hz)
             await self._stop.wait()
             log.info("application.stopping")
-            mission.cancel()  # first, so that it asks for nothing behind the hold; its last order lapses by itself
+            # It finishes a landing on the pad, or has PX4 hold. Then it asks for nothing behind the hold.
+            await asyncio.wait([mission], timeout=WIND_DOWN_MAX_S)
+            mission.cancel()
             await self._hold(autopilot)
             for task in tasks:
                 task.cancel()

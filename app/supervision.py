@@ -15,10 +15,12 @@ from app.messages import (
     FlightMode,
     MissionReport,
     OperatorText,
+    Phase,
     Severity,
     VehicleState,
 )
 from app.mission.states import ACTIVE, HANDED_OVER
+from app.mission.transitions import stands
 from app.ports import Autopilot, OperatorLink
 
 log = get_logger("supervision")
@@ -75,26 +77,46 @@ async def supervise(
 async def hold_vehicle(
     autopilot: Autopilot, report: MissionReport | None, vehicle: VehicleState | None, timeout_s: float
 ) -> None:
-    """Leave the vehicle in PX4's own hold, if Alight was steering it, or has let go and PX4 has not taken over.
+    """Leave the vehicle in a mode of PX4's own, if Alight was steering it, or has let go and PX4 has not taken over.
+
+    This is for an end without the mission: a part of the application has failed. On the deck the motors are stopped:
+    by force if that was proven to be right just now, else by PX4's own landing. Low over a pad at rest PX4 lands, over
+    one that drives it returns, which begins with a climb. Anywhere else it holds.
 
     Args:
         autopilot: The link.
         report: The mission's last.
         vehicle: Its last state.
-        timeout_s: For PX4's answer.
+        timeout_s: For PX4's answer to each request.
     """
-    if report is None or report.phase not in ACTIVE | HANDED_OVER:
+    if report is None or report.phase not in ACTIVE | HANDED_OVER | {Phase.SUSPENDED, Phase.DISARM}:
         return
     if report.phase in HANDED_OVER - ACTIVE and (vehicle is None or vehicle.mode is not FlightMode.OFFBOARD):
         return
     if vehicle is not None and vehicle.mode in PILOTS_MODES:
         return
-    try:
-        async with asyncio.timeout(timeout_s):
-            await autopilot.execute(AutopilotAction.HOLD)
-        log.warning("vehicle.held", phase=report.phase.value)
-    except (AutopilotError, TimeoutError) as error:
-        log.error("vehicle.not_held", error=str(error))
+    for action in _last_actions(report, vehicle):
+        try:
+            async with asyncio.timeout(timeout_s):
+                await autopilot.execute(action)
+        except (AutopilotError, TimeoutError) as error:
+            log.error("vehicle.not_left", action=action.value, error=str(error))
+        else:
+            log.warning("vehicle.left", action=action.value, phase=report.phase.value)
+            return
+
+
+def _last_actions(report: MissionReport, vehicle: VehicleState | None) -> tuple[AutopilotAction, ...]:
+    """What is asked for, one after the other until one is accepted."""
+    if report.phase is Phase.DISARM or (vehicle is not None and vehicle.armed and stands(vehicle)):
+        return AutopilotAction.DISARM, AutopilotAction.LAND
+    if report.contact:
+        by_force = (AutopilotAction.FORCE_DISARM,) if report.may_force_disarm else ()
+        return *by_force, AutopilotAction.LAND, AutopilotAction.HOLD
+    if report.committed:
+        first = AutopilotAction.RETURN if report.pad_drives else AutopilotAction.LAND
+        return first, AutopilotAction.HOLD
+    return (AutopilotAction.HOLD,)
 
 
 async def answer_last(operator: OperatorLink, answers: Iterable[CommandAnswer]) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 
 from app.config import MissionConfig
 from app.messages import (
-    AutopilotAction,
     CommandAnswer,
     CommandResult,
+    FlightMode,
     GoalKind,
     LandedState,
     OperatorAction,
@@ -18,12 +18,24 @@ from app.messages import (
     OperatorText,
     Phase,
     Severity,
+    VehicleState,
 )
-from app.mission.states import ACTIVE, HANDED_OVER, NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import anchor_of, enter_search, go, guidance_of, mode_of, numbered
+from app.mission.states import (
+    ACTIVE,
+    HANDED_OVER,
+    NO_ARMING_IN,
+    OWN_MODE,
+    MissionInputs,
+    MissionState,
+    Reason,
+    Transition,
+)
+from app.mission.transitions import anchor_of, enter_search, go, guidance_of, mode_of, numbered, stands
 
 HEIGHT_MIN_M, HEIGHT_MAX_M = 0.5, 50.0
 """Heights that the phone may ask for: those that the configuration may hold (mission.track_height_m)."""
+LOCKED_FOR_S = 30.0
+"""After a landing the order that led to it starts no motors again for so long: somebody walks up to the vehicle."""
 ENDING = frozenset({OperatorAction.HOLD, OperatorAction.ABORT})
 
 
@@ -34,6 +46,10 @@ def take_command(state: MissionState, inputs: MissionInputs, now_s: float, confi
         return None
     if command.action in ENDING:
         return _end(state, inputs, command, now_s, config)
+    if command.repeated:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "first copy not heard, send it anew")
+    if inputs.stopping:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.STOPPED.value)
     return _begin(state, inputs, command, now_s, config)
 
 
@@ -60,24 +76,25 @@ def _end(
 ) -> Transition:
     """HOLD and ABORT: obeyed in flight up to contact, also when the landing is committed."""
     guidance = guidance_of(state, inputs)
-    if state.phase not in ACTIVE | HANDED_OVER:
+    accepted = CommandAnswer(command.number, CommandResult.ACCEPTED)
+    if state.phase is Phase.DISARM:
+        return Transition(state, answers=(accepted,))  # nothing is safer than that
+    if state.phase not in ACTIVE | HANDED_OVER | {Phase.SUSPENDED}:
         return _refuse(state, command, CommandResult.DENIED, Reason.NO_MISSION.value)
     if guidance is not None and guidance.contact:
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "on the pad already")
     held = command.action is OperatorAction.HOLD
     after = "hold" if held else config.abort_action
     vehicle = inputs.vehicle
-    action = None
+    phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[after]
     if vehicle is not None and not vehicle.armed:
-        phase = Phase.IDLE
-        if state.asked is AutopilotAction.ARM:  # it may be on its way: motors must not start behind an abort
-            action = AutopilotAction.DISARM
-    else:
-        phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[after]
+        # An ARM may be on its way: motors must not start behind an abort.
+        phase = Phase.DISARM if state.arm_asked and not state.armed_seen else Phase.IDLE
+    elif vehicle is not None and stands(vehicle):
+        phase = Phase.DISARM  # a return would take off
     reason = Reason.HELD_BY_OPERATOR if held else Reason.ABORTED_BY_OPERATOR
     ended = go(state, phase, reason, now_s, severity=Severity.NOTICE, result=CommandResult.CANCELLED)
-    accepted = CommandAnswer(command.number, CommandResult.ACCEPTED)
-    return replace(ended, action=action, answers=(*ended.answers, accepted))
+    return replace(ended, answers=(*ended.answers, accepted))
 
 
 def _begin(
@@ -96,20 +113,75 @@ def _begin(
     if state.phase in HANDED_OVER and not state.handed_over:
         # Its change of mode is on the way: asking for offboard now would race with it.
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, f"on the way to {state.phase.value}")
-    if vehicle.armed and vehicle.landed is LandedState.UNKNOWN:
-        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "in the air or not: unknown")
-    in_air = vehicle.armed and vehicle.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF, LandedState.LANDING)
-    fresh = replace(state, command=command, tries=0, takeoff_accepted=False, offboard_seen=False)
-    if in_air:
+    why_not = _why_not(state, vehicle, command, now_s)
+    if why_not:
+        return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, why_not)
+    fresh = replace(
+        state,
+        command=command,
+        last_order=command,
+        tries=0,
+        arm_asked=False,
+        armed_seen=False,
+        takeoff_accepted=False,
+        takeoff_seen=False,
+        offboard_seen=False,
+    )
+    if _in_air(vehicle):
         if state.home_ned_m is None:
             ground = vehicle.pos_ned_m + np.array([0.0, 0.0, config.search_height_m])
             fresh = replace(fresh, home_ned_m=ground)
         return enter_search(fresh, vehicle, Reason.ALREADY_FLYING, now_s)
     if not vehicle.armed and not vehicle.armable and vehicle.mode not in NO_ARMING_IN:
         return _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, Reason.NOT_ARMABLE.value)
+    if not vehicle.armed and not command.trusted:
+        refused = _refuse(state, command, CommandResult.TEMPORARILY_REJECTED, "")
+        text = OperatorText(f"{command.action.name.lower()}: motors will start, send it again", Severity.WARNING)
+        asked = tuple(replace(answer, asks_confirmation=True) for answer in refused.answers)
+        return replace(refused, answers=asked, texts=(text,))
     home = np.array(vehicle.pos_ned_m)
     return go(
         fresh, Phase.TAKEOFF, Reason.COMMANDED, now_s, home_ned_m=home, ground_known=True, entry_mode=vehicle.mode
+    )
+
+
+def _in_air(vehicle: VehicleState) -> bool:
+    return vehicle.armed and vehicle.landed in (LandedState.IN_AIR, LandedState.TAKING_OFF, LandedState.LANDING)
+
+
+def _why_not(state: MissionState, vehicle: VehicleState, command: OperatorCommand, now_s: float) -> str:
+    """Why no mission may begin now; "" if one may. PX4's failsafes and the pilot keep what they have."""
+    if state.phase in (Phase.SUSPENDED, Phase.DISARM):
+        return f"{state.phase.value}: wait"
+    if state.phase is Phase.LANDED and not command.takes_over and _same_order(command, state.last_order):
+        wait_s = LOCKED_FOR_S - (now_s - state.since_s)
+        if wait_s > 0.0:
+            return f"just landed, wait {wait_s:.0f} s"
+    if not vehicle.armed:
+        return ""
+    if vehicle.landed is LandedState.UNKNOWN:
+        return "in the air or not: unknown"
+    mode = vehicle.mode
+    if vehicle.failsafe:
+        return f"PX4 is in a failsafe ({mode.value})"
+    own = OWN_MODE[state.phase][1] if state.phase in HANDED_OVER else None
+    if mode is own:
+        return ""
+    if mode in (FlightMode.LAND, FlightMode.RETURN):
+        return f"PX4 is in {mode.value} mode"
+    if command.takes_over:
+        return ""
+    if not _in_air(vehicle):
+        return "armed on the ground, disarm first"
+    return "" if mode is FlightMode.HOLD else f"{mode.value} mode is the pilot's"
+
+
+def _same_order(command: OperatorCommand, last: OperatorCommand | None) -> bool:
+    """Whether an order asks for the same as the one before: it may be a late copy of it."""
+    return last is not None and (command.action, command.height_m, command.sender) == (
+        last.action,
+        last.height_m,
+        last.sender,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from app.config import MissionConfig
 from app.mission.commands import refuse_beginning, take_command
+from app.mission.endings import wind_down
 from app.mission.guards import end_of_flight, pilot, safety, take_results
 from app.mission.phases import run_phase
 from app.mission.states import MissionInputs, MissionState, Transition
@@ -29,11 +30,19 @@ def step(state: MissionState, inputs: MissionInputs, now_s: float, config: Missi
     """
     state = _follow_frame(state, inputs)
     decided = _decide(state, inputs, now_s, config)
+    dropped = _still_pending(state, inputs) and decided.state.pending is not state.pending
+    if dropped and decided.action is None:
+        decided = replace(decided, cancels=True)
     goal = decided.state.goal
     if goal.number == state.goal.number or inputs.vehicle is None:
         return decided
     stamped = replace(goal, frame_s=inputs.vehicle.t_capture_s)
     return replace(decided, state=replace(decided.state, goal=stamped))
+
+
+def _still_pending(state: MissionState, inputs: MissionInputs) -> bool:
+    """Whether an action is under way whose answer has not come with these inputs."""
+    return state.pending is not None and all(result.action is not state.pending for result in inputs.results)
 
 
 def _follow_frame(state: MissionState, inputs: MissionInputs) -> MissionState:
@@ -52,7 +61,9 @@ def _follow_frame(state: MissionState, inputs: MissionInputs) -> MissionState:
 
 def _decide(state: MissionState, inputs: MissionInputs, now_s: float, config: MissionConfig) -> Transition:
     state = take_results(state, inputs, now_s)
-    ended = end_of_flight(state, inputs, now_s) or pilot(state, inputs, now_s)
+    if inputs.stopping and state.stopping_since_s is None:
+        state = replace(state, stopping_since_s=now_s)
+    ended = end_of_flight(state, inputs, now_s) or pilot(state, inputs, now_s, config)
     if ended is not None:
         # Whoever sent a command in this instant didn't know: nothing begins on the heels of a pilot or a touchdown.
         told = refuse_beginning(ended, inputs) or take_command(ended.state, inputs, now_s, config)
@@ -62,7 +73,7 @@ def _decide(state: MissionState, inputs: MissionInputs, now_s: float, config: Mi
     told = take_command(state, inputs, now_s, config)
     hazard = safety(state if told is None else told.state, inputs, now_s, config)
     if told is None:
-        return hazard or run_phase(state, inputs, now_s, config)
+        return hazard or wind_down(state, inputs, now_s, config) or run_phase(state, inputs, now_s, config)
     if hazard is None:
         return told
     return replace(hazard, answers=told.answers + hazard.answers, texts=hazard.texts + told.texts)

@@ -20,12 +20,24 @@ from app.messages import (
     Severity,
     VehicleState,
 )
+from app.mission.endings import run_disarm, run_suspended
 from app.mission.modes import REFUSALS_MAX, enter_offboard, hand_over
 from app.mission.precland import begin_precland, run_precland, watch_pad
 from app.mission.rounds import go_round, lost
 from app.mission.search import search_lower, turn_back
 from app.mission.states import NO_ARMING_IN, MissionInputs, MissionState, Reason, Transition
-from app.mission.transitions import anchor_of, ask, enter_search, go, guidance_of, leave_to_px4, numbered
+from app.mission.transitions import (
+    CONFIRM_S,
+    anchor_of,
+    ask,
+    enter_disarm,
+    enter_search,
+    go,
+    guidance_of,
+    leave_to_px4,
+    numbered,
+    stands,
+)
 
 SETTLED_ERROR_M = 0.4
 SETTLED_SPEED_M_S = 0.5
@@ -61,27 +73,46 @@ def run_phase(state: MissionState, inputs: MissionInputs, now_s: float, config: 
             return run_precland(state, inputs, vehicle, now_s, config)
         case Phase.HOLD | Phase.RETURN | Phase.FALLBACK_LAND:
             return hand_over(state, vehicle, now_s)
+        case Phase.SUSPENDED:
+            return run_suspended(state, inputs, now_s, config)
+        case Phase.DISARM:
+            return run_disarm(state, vehicle, now_s, config)
 
 
 def _takeoff(state: MissionState, vehicle: VehicleState, now_s: float, config: MissionConfig) -> Transition:
     if state.refusals >= REFUSALS_MAX or now_s - state.since_s > config.takeoff_timeout_s:
         reason = Reason.REFUSED_BY_AUTOPILOT if state.refusals else Reason.TIMED_OUT
-        if not vehicle.armed:
+        if not vehicle.armed and not state.arm_asked:
             return go(state, Phase.IDLE, reason, now_s, severity=Severity.WARNING, result=CommandResult.FAILED)
+        if not vehicle.armed or stands(vehicle):
+            return enter_disarm(state, reason, now_s)
         return leave_to_px4(state, reason, now_s)
     if not vehicle.armed:
-        if state.takeoff_accepted:  # armed, took the command, and disarmed again: PX4 gave up
-            return go(state, Phase.IDLE, Reason.DISARMED, now_s, result=CommandResult.FAILED)
-        return ask(state, AutopilotAction.HOLD if vehicle.mode in NO_ARMING_IN else AutopilotAction.ARM, now_s)
+        return _arm(replace(state, entry_mode=vehicle.mode), vehicle, now_s)
+    if not state.armed_seen:
+        state = replace(state, armed_seen=True)
     if not state.takeoff_accepted:
         return ask(state, AutopilotAction.TAKEOFF, now_s, config.search_height_m)
-    if vehicle.mode in (FlightMode.TAKEOFF, FlightMode.HOLD):
-        state = replace(state, entry_mode=vehicle.mode)  # from now on the mode on the ground would be the pilot's
+    if vehicle.mode is FlightMode.TAKEOFF:
+        # From now on the mode on the ground would be the pilot's.
+        state = replace(state, entry_mode=vehicle.mode, takeoff_seen=True)
     ground_down = 0.0 if state.home_ned_m is None else float(state.home_ned_m[2])
     height_m = ground_down - float(vehicle.pos_ned_m[2])
     if height_m >= 0.9 * config.search_height_m and vehicle.landed is LandedState.IN_AIR:
         return enter_search(state, vehicle, Reason.HEIGHT_REACHED, now_s)
     return Transition(state)
+
+
+def _arm(state: MissionState, vehicle: VehicleState, now_s: float) -> Transition:
+    """Have PX4 arm, once for each order: whoever disarms, or refuses to arm, has the last word."""
+    if state.armed_seen or state.takeoff_accepted:
+        return go(state, Phase.IDLE, Reason.DISARMED, now_s, severity=Severity.WARNING, result=CommandResult.FAILED)
+    if not state.arm_asked:
+        return ask(state, AutopilotAction.HOLD if vehicle.mode in NO_ARMING_IN else AutopilotAction.ARM, now_s)
+    if state.pending is not None or (state.accepted is AutopilotAction.ARM and now_s - state.asked_s < CONFIRM_S):
+        return Transition(state)
+    # Refused, or it doesn't show: one that was lost on the way may still arrive.
+    return enter_disarm(state, Reason.REFUSED_BY_AUTOPILOT, now_s, detail=state.refusal or "PX4 did not arm")
 
 
 def _search(

@@ -52,6 +52,14 @@ class Reason(StrEnum):
     NO_MISSION = "no mission to end"
     COMMITTED = "landing is committed"
     ON_THE_GROUND = "on the ground"
+    RESUMED = "link and state are back, going on"
+    LINK_WAS_LOST = "link was lost: give a new order"
+    PX4_FAILSAFE = "PX4's own failsafe flies"
+    HELD_TOO_LONG = "held too long"
+    STOPPED = "Alight stops"
+    BESIDE_PAD = "low beside the pad, going round"
+    UNEXPECTED_CONTACT = "contact before the pad"
+    NOT_DISARMED = "PX4 does not disarm, use the remote"
 
 
 IN_OFFBOARD = frozenset({Phase.SEARCH, Phase.HOVER, Phase.TRACK, Phase.LAND})
@@ -69,6 +77,8 @@ NO_ARMING_IN = frozenset({FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.PRECL
 """The modes that a flight ends in and in which PX4 does not arm: hold comes first."""
 HANDED_OVER = frozenset(OWN_MODE)
 """The phases in which PX4 flies a mode of its own because Alight asked for it."""
+OVER = frozenset({Phase.IDLE, Phase.LANDED})
+"""The phases without a mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +94,21 @@ class PadWatch:
     since_s: float
     from_ne_m: tuple[float, float]
     speed_m_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Suspended:
+    """A phase that was interrupted.
+
+    Attributes:
+        phase: Which.
+        goal: What the controller was told.
+        frame_resets: PX4's count of jumps of its local frame then.
+    """
+
+    phase: Phase
+    goal: Goal
+    frame_resets: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,15 +130,24 @@ class MissionState:
         asked: The action that was last asked for in this phase.
         asked_s: When it was asked for.
         accepted: That action, once PX4 has accepted it; that it happened shows up to a second later.
-        refusals: How often PX4 refused that action, or accepted it without showing it.
+        refusals: How often PX4 refused an action of this phase, or accepted it without showing it.
+        refusal: PX4's words at the last refusal.
         entry_mode: PX4's mode when Alight began to ask for another: not yet a sign of the pilot.
         offboard_seen: PX4 has accepted and reported offboard since.
         steady_since_s: Since when the vehicle has been settled over the pad.
         committed_since_s: Since when the landing has been committed.
         contact_s: When the vehicle last rested on something in this landing.
+        arm_asked: This order has asked PX4 to arm. It asks once.
+        armed_seen: The vehicle has shown armed since.
         takeoff_accepted: PX4 accepted the take-off.
+        takeoff_accepted_s: When.
+        takeoff_seen: PX4 has shown its take-off mode since.
         handed_over: PX4 has taken up the mode of its own that this phase asked for.
         watch: Of the pad's way over ground, for a landing that is left to PX4.
+        hold_until_s: When a hold that nobody asked for ends; None: it has no limit.
+        suspended: What was interrupted, in SUSPENDED.
+        last_order: The order that began the newest mission; it does not begin another one right after the landing.
+        stopping_since_s: Since when the application has been going down.
         jumps: Of PX4's local frame, in which home and the goal's anchor stand.
     """
 
@@ -131,14 +165,23 @@ class MissionState:
     asked_s: float = 0.0
     accepted: AutopilotAction | None = None
     refusals: int = 0
+    refusal: str = ""
     entry_mode: FlightMode = FlightMode.UNKNOWN
     offboard_seen: bool = False
     steady_since_s: float | None = None
     committed_since_s: float | None = None
     contact_s: float | None = None
+    arm_asked: bool = False
+    armed_seen: bool = False
     takeoff_accepted: bool = False
+    takeoff_accepted_s: float = 0.0
+    takeoff_seen: bool = False
     handed_over: bool = False
     watch: PadWatch | None = None
+    hold_until_s: float | None = None
+    suspended: Suspended | None = None
+    last_order: OperatorCommand | None = None
+    stopping_since_s: float | None = None
     jumps: FrameJumps = field(default_factory=FrameJumps, compare=False)
 
 
@@ -156,6 +199,7 @@ class MissionInputs:
         results: Answers to actions since the last step.
         may_force_disarm: Safety allows a forced disarm now.
         px4_lands: A landing is left to PX4's own precision landing (guidance.method).
+        stopping: The application is to end: bring the vehicle into a state that needs it no more.
     """
 
     vehicle: VehicleState | None
@@ -167,6 +211,7 @@ class MissionInputs:
     results: tuple[ActionResult, ...] = ()
     may_force_disarm: bool = False
     px4_lands: bool = False
+    stopping: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +225,7 @@ class Transition:
         action_height_m: Its height (TAKEOFF).
         answers: To the phone's commands.
         texts: Lines for the phone.
+        cancels: The action that was pending is not wanted any more: it must not be sent again.
     """
 
     state: MissionState
@@ -188,3 +234,4 @@ class Transition:
     action_height_m: float = 0.0
     answers: tuple[CommandAnswer, ...] = ()
     texts: tuple[OperatorText, ...] = ()
+    cancels: bool = False

@@ -16,6 +16,7 @@ from app.messages import (
     Goal,
     GoalKind,
     GuidanceStatus,
+    LandedState,
     OperatorText,
     Phase,
     Severity,
@@ -73,6 +74,8 @@ def go(
         committed_since_s=None,
         contact_s=None,
         watch=None,
+        hold_until_s=None,
+        suspended=None,
     )
     entered = replace(entered, **changes)  # type: ignore[arg-type]  # field names are checked by replace itself
     text = f"{phase.value}: {detail or reason.value}"
@@ -105,7 +108,46 @@ def numbered(
 def fail(state: MissionState, reason: Reason, now_s: float, config: MissionConfig, detail: str = "") -> Transition:
     """End the mission by the configured failure action."""
     phase = {"hold": Phase.HOLD, "return": Phase.RETURN, "land": Phase.FALLBACK_LAND}[config.failure_action]
-    return go(state, phase, reason, now_s, detail=detail, severity=Severity.WARNING, result=CommandResult.FAILED)
+    return leave(state, phase, reason, now_s, config, detail)
+
+
+def leave(
+    state: MissionState,
+    phase: Phase,
+    reason: Reason,
+    now_s: float,
+    config: MissionConfig,
+    detail: str = "",
+    severity: Severity = Severity.WARNING,
+) -> Transition:
+    """End the mission, as failed, by a mode of PX4's own. A hold that nobody asked for has a time limit."""
+    until_s = now_s + config.hold_max_s if phase is Phase.HOLD else None
+    return go(
+        state,
+        phase,
+        reason,
+        now_s,
+        detail=detail,
+        severity=severity,
+        result=CommandResult.FAILED,
+        hold_until_s=until_s,
+    )
+
+
+def enter_disarm(
+    state: MissionState, reason: Reason, now_s: float, *, result: CommandResult = CommandResult.FAILED, detail: str = ""
+) -> Transition:
+    """End the mission on the ground, with the motors off beyond doubt."""
+    return go(state, Phase.DISARM, reason, now_s, detail=detail, severity=Severity.WARNING, result=result)
+
+
+STANDS_M_S = 0.5
+"""A vehicle on the ground whose velocity PX4 gives as more than this is not believed to stand there."""
+
+
+def stands(vehicle: VehicleState) -> bool:
+    """Whether the vehicle stands on something, by PX4's own land detector and velocity. NaN is no."""
+    return vehicle.landed is LandedState.ON_GROUND and float(np.linalg.norm(vehicle.vel_ned_m_s)) <= STANDS_M_S
 
 
 def leave_to_px4(state: MissionState, reason: Reason, now_s: float) -> Transition:
@@ -119,12 +161,18 @@ def ask(state: MissionState, action: AutopilotAction, now_s: float, height_m: fl
     """
     if state.pending is not None:
         return Transition(state)
-    refusals = state.refusals if state.asked is action else 0
     unseen = state.accepted is action
-    if now_s - state.asked_s < (CONFIRM_S if unseen else RETRY_S if refusals else 0.0):
+    wait_s = CONFIRM_S if unseen else RETRY_S if state.refusals and state.asked is action else 0.0
+    if now_s - state.asked_s < wait_s:
         return Transition(state)
     asked = replace(
-        state, pending=action, asked=action, asked_s=now_s, accepted=None, refusals=refusals + (1 if unseen else 0)
+        state,
+        pending=action,
+        asked=action,
+        asked_s=now_s,
+        accepted=None,
+        refusals=state.refusals + (1 if unseen else 0),
+        arm_asked=state.arm_asked or action is AutopilotAction.ARM,
     )
     return Transition(asked, action=action, action_height_m=height_m)
 

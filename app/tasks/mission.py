@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.channels import Events, Latest, Topic
@@ -23,14 +25,18 @@ from app.messages import (
     OperatorCommand,
     OperatorText,
     PadTrack,
+    Phase,
     Response,
     Severity,
     TrackCheck,
     VehicleState,
     Verdict,
 )
+from app.mission.endings import is_wound_down
 from app.mission.machine import step
+from app.mission.rounds import DRIVES_M_S
 from app.mission.states import MissionInputs, MissionState, Transition
+from app.mission.transitions import guidance_of
 from app.safety.disarm import may_force_disarm
 from app.safety.monitors import Debounce, SafetyInputs, TrackRestarts, debounce, judge
 from app.tasks.actions import ActionRequest
@@ -69,8 +75,17 @@ class MissionSettings:
     px4_lands: bool = False
 
 
-async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock: Clock) -> None:
-    """Step the state machine 20 times a second until cancelled; a command that is running then is answered too."""
+async def run_mission(
+    *, queues: MissionQueues, settings: MissionSettings, clock: Clock, stopping: Callable[[], bool] = lambda: False
+) -> None:
+    """Step the state machine 20 times a second until cancelled; a command that is running then is answered too.
+
+    Args:
+        queues: What it reads and writes.
+        settings: Of the rig.
+        clock: The time.
+        stopping: Whether the application is to end: this then returns once the vehicle needs the mission no more.
+    """
     state = MissionState(since_s=clock.now_s())
     reason = "started"
     memory, restarts = Debounce(), TrackRestarts()
@@ -83,7 +98,8 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
             memory, confirmed = debounce(memory, judge(seen, now_s, settings.safety), now_s)
             verdict = next((v for v in confirmed if v.response is not Response.WARN), None)
             warned = _warn(confirmed, warned, queues.texts)
-            transition = step(state, _inputs(queues, settings, verdict, now_s), now_s, settings.mission)
+            seen_now = _inputs(queues, settings, verdict, now_s, stopping=stopping())
+            transition = step(state, seen_now, now_s, settings.mission)
             if transition.reason is not None:
                 reason = transition.texts[0].text if transition.texts else transition.reason.value
                 log.info(
@@ -95,8 +111,9 @@ async def run_mission(*, queues: MissionQueues, settings: MissionSettings, clock
                 )
             state = transition.state
             _pass_on(transition, queues, now_s)
-            command = state.command.action.name.lower() if state.command is not None else None
-            queues.reports.publish(MissionReport(now_s, state.phase, state.goal.kind, reason, state.tries, command))
+            queues.reports.publish(_report(state, seen_now, reason, now_s))
+            if seen_now.stopping and is_wound_down(state):
+                return
             await asyncio.sleep(PERIOD_S)
     finally:
         if state.command is not None:
@@ -126,7 +143,27 @@ def _warn(confirmed: tuple[Verdict, ...], warned: frozenset[Hazard], texts: Topi
     return frozenset(now)
 
 
-def _inputs(queues: MissionQueues, settings: MissionSettings, verdict: Verdict | None, now_s: float) -> MissionInputs:
+def _report(state: MissionState, seen: MissionInputs, reason: str, now_s: float) -> MissionReport:
+    guidance = guidance_of(state, seen)
+    landing = state.phase in (Phase.LAND, Phase.PRECLAND) and guidance is not None
+    track = seen.track
+    return MissionReport(
+        now_s,
+        state.phase,
+        state.goal.kind,
+        reason,
+        state.tries,
+        state.command.action.name.lower() if state.command is not None else None,
+        committed=landing and guidance is not None and guidance.committed,
+        contact=landing and guidance is not None and guidance.contact,
+        may_force_disarm=landing and seen.may_force_disarm,
+        pad_drives=track is not None and math.hypot(track.vel_ned_m_s[0], track.vel_ned_m_s[1]) > DRIVES_M_S,
+    )
+
+
+def _inputs(
+    queues: MissionQueues, settings: MissionSettings, verdict: Verdict | None, now_s: float, *, stopping: bool
+) -> MissionInputs:
     vehicle, track, guidance = queues.vehicle.newest, queues.tracks.newest, queues.statuses.newest
     usable = (
         track is not None
@@ -144,6 +181,7 @@ def _inputs(queues: MissionQueues, settings: MissionSettings, verdict: Verdict |
         results=tuple(queues.results.drain()),
         may_force_disarm=allowed,
         px4_lands=settings.px4_lands,
+        stopping=stopping,
     )
 
 

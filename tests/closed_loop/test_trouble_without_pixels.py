@@ -34,6 +34,7 @@ from app.messages import (
     SeenContour,
     VehicleState,
 )
+from app.mission.commands import LOCKED_FOR_S
 from app.runtime import Application, Parts
 from app.tasks.compute import in_place
 from app.wiring import CONFIGS, load_rig
@@ -106,9 +107,10 @@ class Phone:
     ) -> None:
         pass
 
-    def ask(self, action: OperatorAction) -> None:
+    def ask(self, action: OperatorAction, *, takes_over: bool = False) -> None:
         self.asked += 1
-        self.orders.put_nowait(OperatorCommand(CLOCK.now_s(), action, None, (255, 190), self.asked))
+        order = OperatorCommand(CLOCK.now_s(), action, None, (255, 190), self.asked, takes_over=takes_over)
+        self.orders.put_nowait(order)
 
     async def commands(self) -> AsyncIterator[OperatorCommand]:
         while True:
@@ -141,9 +143,9 @@ class Flight:
             while self.reports[-1].phase not in phases:
                 await asyncio.sleep(0.02)
 
-    async def to_its_end(self, action: OperatorAction) -> None:
+    async def to_its_end(self, action: OperatorAction, *, takes_over: bool = False) -> None:
         """Order something and wait until it is over."""
-        self.phone.ask(action)
+        self.phone.ask(action, takes_over=takes_over)
         await self.reach(P.TAKEOFF, P.SEARCH)
         await self.reach(*OVER)
         await asyncio.sleep(1.0)
@@ -215,6 +217,7 @@ def test_landing_rests_on_the_pad(motion, limit_m):
 def test_second_mission_after_a_landing_flies_as_the_first_did():
     async def script(flight: Flight) -> None:
         await flight.to_its_end(Op.LAND)
+        await asyncio.sleep(LOCKED_FOR_S)
         await flight.to_its_end(Op.LAND)
 
     flight = fly(script)
@@ -231,10 +234,13 @@ def test_pilot_who_takes_over_keeps_the_vehicle_until_the_phone_asks_again():
         await asyncio.sleep(20.0)
         assert flight.reports[-1].phase is P.IDLE
         assert flight.world.px4.commander.mode is FlightMode.POSITION
-        await flight.to_its_end(Op.LAND)
+        flight.phone.ask(Op.LAND)
+        await asyncio.sleep(1.0)
+        assert flight.reports[-1].phase is P.IDLE
+        await flight.to_its_end(Op.LAND, takes_over=True)
 
     flight = fly(script)
-    assert flight.finals() == [(1, C.CANCELLED), (2, C.ACCEPTED)]
+    assert flight.finals() == [(1, C.CANCELLED), (2, C.TEMPORARILY_REJECTED), (3, C.ACCEPTED)]
     assert "idle: position mode by pilot or PX4, hands off" in flight.phone.texts
 
 
@@ -252,7 +258,7 @@ def test_pad_that_is_hidden_above_the_commit_is_searched_for_and_landed_on():
     assert flight.phases[-1] is P.LANDED and errors_m(flight)[0] < 0.10
 
 
-def test_link_that_is_cut_ends_the_mission_and_px4s_failsafe_is_not_ended_by_us():
+def test_link_that_is_cut_ends_the_mission_in_a_watched_hold_and_px4s_failsafe_is_not_ended_by_us():
     """PX4's intent is still offboard: setpoints that resumed would take it back there."""
 
     async def script(flight: Flight) -> None:
@@ -262,7 +268,7 @@ def test_link_that_is_cut_ends_the_mission_and_px4s_failsafe_is_not_ended_by_us(
         await asyncio.sleep(3.0)
         flight.world.telemetry_flows = True
         await asyncio.sleep(10.0)
-        assert flight.reports[-1].phase is P.IDLE
+        assert flight.reports[-1].phase is P.HOLD
         assert flight.world.px4.commander.mode is FlightMode.HOLD
         await flight.to_its_end(Op.LAND)
 

@@ -21,7 +21,7 @@ from app.messages import (
     Phase,
     VehicleState,
 )
-from app.mission.states import MissionInputs, MissionState
+from app.mission.states import MissionInputs, MissionState, Suspended
 
 GOAL_OF = {
     Phase.SEARCH: GoalKind.SEARCH,
@@ -57,6 +57,7 @@ class Make:
             landed=LandedState.IN_AIR,
             armable=True,
             local_position_ok=True,
+            battery_fraction=0.8,
         )
         return replace(state, **changes)
 
@@ -113,7 +114,16 @@ class Make:
             takeoff_accepted=active,
             entry_mode=FlightMode.TAKEOFF if active else FlightMode.HOLD,
             handed_over=phase in (Phase.HOLD, Phase.RETURN, Phase.FALLBACK_LAND, Phase.PRECLAND),
+            arm_asked=active or phase is Phase.DISARM,
+            armed_seen=active,
+            takeoff_seen=active,
         )
+        if phase is Phase.SUSPENDED:
+            state = replace(
+                state,
+                suspended=Suspended(Phase.HOVER, Goal(GoalKind.HOVER, 2.5, np.zeros(3), 6), 0),
+                offboard_seen=True,
+            )
         return replace(state, **changes)
 
     @classmethod
@@ -121,6 +131,8 @@ class Make:
         """What is seen when all goes well in that state: on the ground in IDLE and LANDED, else in the air."""
         if state.phase in (Phase.IDLE, Phase.LANDED):
             vehicle = cls.on_ground()
+        elif state.phase is Phase.DISARM:
+            vehicle = cls.on_ground(armed=True)
         else:
             vehicle = cls.vehicle(mode=MODE_OF.get(state.phase, FlightMode.OFFBOARD))
         steering = state.phase in (Phase.HOVER, Phase.TRACK, Phase.LAND, Phase.PRECLAND)

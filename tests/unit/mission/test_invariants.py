@@ -30,10 +30,10 @@ from app.messages import (
     Verdict,
 )
 from app.mission.machine import step
-from app.mission.states import MissionInputs, MissionState, Transition
+from app.mission.states import MissionInputs, MissionState, Reason, Transition
 
 A, P = AutopilotAction, Phase
-SILENT = {P.IDLE, P.LANDED, P.TAKEOFF, P.HOLD, P.RETURN, P.FALLBACK_LAND}
+SILENT = {P.IDLE, P.LANDED, P.TAKEOFF, P.HOLD, P.RETURN, P.FALLBACK_LAND, P.SUSPENDED, P.DISARM}
 STEERING = {P.SEARCH, P.HOVER, P.TRACK, P.LAND}
 ACTIVE = STEERING | {P.TAKEOFF, P.PRECLAND}
 ASKED_IN = {
@@ -44,7 +44,7 @@ ASKED_IN = {
     A.RETURN: {P.RETURN},
     A.LAND: {P.FALLBACK_LAND},
     A.PRECLAND: {P.PRECLAND},
-    A.DISARM: {P.LAND, P.IDLE},
+    A.DISARM: {P.LAND, P.DISARM},
     A.FORCE_DISARM: {P.LAND},
 }
 CONFIG = MissionConfig(
@@ -108,6 +108,7 @@ def inputs_of(
         landed=drawn["landed"],
         armable=True,
         local_position_ok=True,
+        battery_fraction=0.8,
     )
     track = PadTrack(
         last_fix_s,
@@ -172,12 +173,18 @@ def is_pilots(before: MissionState, seen: MissionInputs) -> bool:
 def check(before: MissionState, seen: MissionInputs, result: Transition) -> None:
     after, action = result.state, result.action
     assert (after.goal.kind is GoalKind.NONE) == (after.phase in SILENT)
-    assert (after.command is None) or after.phase in ACTIVE
+    assert (after.command is None) or after.phase in ACTIVE | {P.SUSPENDED}
     assert action is None or after.phase in ASKED_IN[action]
     if action is A.FORCE_DISARM:
         assert seen.may_force_disarm and seen.guidance is not None and seen.guidance.committed
         assert seen.guidance.goal_number == before.goal.number
-    if action is not None and action is not A.DISARM:
+    if action is A.ARM:
+        assert not before.arm_asked or result.reason is Reason.COMMANDED, "a second arming for one order"
+    if action in (A.DISARM, A.FORCE_DISARM) and after.phase is P.LAND:
+        assert seen.guidance is not None and seen.guidance.contact, "a disarm in the air"
+    if after.phase is P.LAND and before.phase is not P.LAND:
+        assert seen.track_usable or result.reason is Reason.RESUMED, "a landing without a fresh track"
+    if action is not None:
         assert after.pending is action
         assert before.pending is None or seen.results or result.reason is not None, "two actions under way"
     if is_pilots(before, seen):

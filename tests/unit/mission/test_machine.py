@@ -52,6 +52,10 @@ COMMANDS: list[tuple[Phase, OperatorAction, Phase, list[tuple[int, CommandResult
     *((phase, action, P.SEARCH, STARTED) for phase in HANDED_OVER for action in BEGIN),
     *((phase, Op.HOLD, P.HOLD, [(NEW, C.ACCEPTED)]) for phase in HANDED_OVER),
     *((phase, Op.ABORT, P.RETURN, [(NEW, C.ACCEPTED)]) for phase in HANDED_OVER),
+    *((phase, action, phase, [(NEW, C.TEMPORARILY_REJECTED)]) for phase in (P.SUSPENDED, P.DISARM) for action in BEGIN),
+    (P.SUSPENDED, Op.HOLD, P.HOLD, [(NEW, C.ACCEPTED)]),
+    (P.SUSPENDED, Op.ABORT, P.RETURN, [(NEW, C.ACCEPTED)]),
+    *((P.DISARM, action, P.DISARM, [(NEW, C.ACCEPTED)]) for action in (Op.HOLD, Op.ABORT)),
 ]
 
 
@@ -136,9 +140,9 @@ def test_command_on_the_ground_with_a_hazard_is_refused_with_its_words(make: Any
 
 # ----------------------------------------------------------------------------------------------------------- hazards
 RESPONSE = {
-    Hazard.LINK_LOST: P.IDLE,
-    Hazard.VEHICLE_STATE_STALE: P.IDLE,
-    Hazard.MODE_UNKNOWN: P.IDLE,
+    Hazard.LINK_LOST: P.SUSPENDED,
+    Hazard.VEHICLE_STATE_STALE: P.SUSPENDED,
+    Hazard.MODE_UNKNOWN: P.SUSPENDED,
     Hazard.POSITION_LOST: P.FALLBACK_LAND,
     Hazard.TILT_EXCESSIVE: P.HOLD,
     Hazard.FRAMES_FROZEN: P.HOLD,
@@ -170,23 +174,64 @@ def test_hazard_in_an_active_phase_ends_the_mission_as_its_response_says(make: A
     state = make.state(phase)
     result = step(state, make.inputs(state, verdict=Verdict(hazard, "words")), 100.0, make.config)
     assert (result.state.phase, result.reason) == (RESPONSE[hazard], Reason.SAFETY)
-    assert answers(result.answers) == [(OLD, C.FAILED)]
+    assert answers(result.answers) == ([] if RESPONSE[hazard] is P.SUSPENDED else [(OLD, C.FAILED)])
     assert result.state.goal.kind is GoalKind.NONE
 
 
+WATCHED = {
+    (P.HOLD, Hazard.POSITION_LOST): P.FALLBACK_LAND,
+    (P.HOLD, Hazard.BATTERY_LOW): P.FALLBACK_LAND,
+    (P.HOLD, Hazard.BATTERY_UNKNOWN): P.FALLBACK_LAND,
+    (P.HOLD, Hazard.TOO_FAR): P.RETURN,
+    (P.HOLD, Hazard.FENCE_LEFT): P.RETURN,
+}
+"""What a hazard makes of a mode of PX4's that Alight left the vehicle in; PX4 finishes all the others by itself."""
+
+
 @pytest.mark.parametrize("phase", [*GROUNDED, *HANDED_OVER])
-@pytest.mark.parametrize("hazard", list(Hazard))
-def test_hazard_without_a_mission_changes_nothing(make: Any, phase, hazard):
+@pytest.mark.parametrize("hazard", list(RESPONSE))
+def test_hazard_after_a_mission_acts_on_a_hold_and_leaves_the_rest_to_px4(make: Any, phase, hazard):
     state = make.state(phase)
     result = step(state, make.inputs(state, verdict=Verdict(hazard, "words")), 100.0, make.config)
-    assert (result.state, result.action, result.texts) == (state, None, ())
+    assert result.state.phase is WATCHED.get((phase, hazard), phase)
+
+
+@pytest.mark.parametrize("phase", HANDED_OVER)
+def test_lost_position_ends_a_return_and_a_hold_in_px4s_landing(make: Any, phase):
+    state = make.state(phase)
+    mode = {P.HOLD: FlightMode.HOLD, P.RETURN: FlightMode.RETURN, P.FALLBACK_LAND: FlightMode.LAND}[phase]
+    vehicle = make.vehicle(mode=mode, local_position_ok=False)
+    seen = make.inputs(state, vehicle=vehicle, verdict=Verdict(Hazard.POSITION_LOST, "words"))
+    assert step(state, seen, 100.0, make.config).state.phase is P.FALLBACK_LAND
+
+
+@pytest.mark.parametrize("mode", [FlightMode.POSITION, FlightMode.MANUAL, FlightMode.MISSION])
+@pytest.mark.parametrize("hazard", list(RESPONSE))
+def test_hazard_while_the_pilot_flies_takes_nothing_from_the_pilot(make: Any, mode, hazard):
+    state = make.state(P.IDLE)
+    seen = make.inputs(state, vehicle=make.vehicle(mode=mode), verdict=Verdict(hazard, "words"))
+    result = step(state, seen, 100.0, make.config)
+    assert (result.state, result.action) == (state, None)
 
 
 @pytest.mark.parametrize("hazard", list(Hazard))
 def test_hazard_in_a_committed_landing_counts_only_if_it_forbids_commanding(make: Any, hazard):
     state = make.state(P.LAND)
     seen = make.inputs(state, verdict=Verdict(hazard, "words"), guidance=make.settled(state, committed=True))
-    assert step(state, seen, 100.0, make.config).state.phase is (P.IDLE if hazard in STOPPING else P.LAND)
+    assert step(state, seen, 100.0, make.config).state.phase is (P.SUSPENDED if hazard in STOPPING else P.LAND)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "contact", "after"), [(0.40, False, P.HOLD), (0.25, False, P.LAND), (0.40, True, P.LAND)]
+)
+@pytest.mark.parametrize("hazard", [Hazard.FRAMES_FROZEN, Hazard.PAD_COPIES_VEHICLE, Hazard.CAMERA_TIME_WRONG])
+def test_committed_landing_by_an_eye_that_can_not_be_believed_holds_while_it_can(
+    make: Any, hazard, height_m, contact, after
+):
+    state = make.state(P.LAND)
+    word = make.settled(state, committed=True, contact=contact, height_above_pad_m=height_m)
+    seen = make.inputs(state, verdict=Verdict(hazard, "words"), guidance=word)
+    assert step(state, seen, 100.0, make.config).state.phase is after
 
 
 @pytest.mark.parametrize(("failure", "after"), [("hold", P.HOLD), ("return", P.RETURN), ("land", P.FALLBACK_LAND)])
@@ -206,7 +251,7 @@ def test_hazard_that_comes_with_a_command_is_acted_on_in_the_same_step(make: Any
 
 
 def test_hazard_before_arming_ends_on_the_ground_and_asks_for_nothing(make: Any):
-    state = make.state(P.TAKEOFF, takeoff_accepted=False)
+    state = make.state(P.TAKEOFF, takeoff_accepted=False, arm_asked=False)
     seen = make.inputs(state, vehicle=make.on_ground(), verdict=Verdict(Hazard.BATTERY_LOW, "words"))
     result = step(state, seen, 100.0, make.config)
     assert (result.state.phase, result.action) == (P.IDLE, None)

@@ -72,10 +72,25 @@ def test_takeoff_ends_in_the_air_near_the_search_height_over_home(make: Any, hei
     assert step(state, make.inputs(state, vehicle=vehicle), 100.0, make.config).state.phase is after
 
 
-@pytest.mark.parametrize(("armed", "after"), [(False, P.IDLE), (True, P.FALLBACK_LAND)])
-def test_takeoff_refused_three_times_gives_up_where_it_is_safe(make: Any, armed, after):
-    state = make.state(P.TAKEOFF, takeoff_accepted=armed, refusals=3)
-    result = step(state, make.inputs(state, vehicle=make.on_ground(armed=armed)), 100.0, make.config)
+@pytest.mark.parametrize(
+    ("vehicle", "arm_asked", "after"),
+    [
+        ({"armed": False}, False, P.IDLE),
+        ({"armed": False}, True, P.DISARM),
+        ({"armed": True}, True, P.DISARM),
+        ({"armed": True, "landed": LandedState.IN_AIR}, True, P.FALLBACK_LAND),
+    ],
+)
+def test_takeoff_refused_three_times_gives_up_where_it_is_safe(make: Any, vehicle, arm_asked, after):
+    state = make.state(
+        P.TAKEOFF,
+        takeoff_accepted=False,
+        takeoff_seen=False,
+        refusals=3,
+        arm_asked=arm_asked,
+        entry_mode=FlightMode.HOLD,
+    )
+    result = step(state, make.inputs(state, vehicle=make.on_ground(**vehicle)), 100.0, make.config)
     assert (result.state.phase, result.reason) == (after, Reason.REFUSED_BY_AUTOPILOT)
     assert answers(result) == [(1, C.FAILED)]
 
@@ -94,34 +109,23 @@ def test_takeoff_that_px4_disarms_again_is_over(make: Any):
     assert (result.state.phase, answers(result)) == (P.IDLE, [(1, C.FAILED)])
 
 
-def test_abort_while_arming_disarms_what_may_be_on_its_way(make: Any):
-    state = make.state(P.TAKEOFF, takeoff_accepted=False, pending=A.ARM, asked=A.ARM, asked_s=99.9)
-    seen = make.inputs(state, vehicle=make.on_ground(), command=make.command(Op.ABORT))
-    result = step(state, seen, 100.0, make.config)
-    assert (result.state.phase, result.action) == (P.IDLE, A.DISARM)
-
-
 # ----------------------------------------------------------------------------------------- asking again, in good time
 def test_action_that_was_refused_is_asked_again_after_a_second(make: Any):
-    state = make.state(P.TAKEOFF, takeoff_accepted=False, pending=A.ARM, asked=A.ARM, asked_s=100.0)
-    ground = make.on_ground()
-    refused = step(
-        state, make.inputs(state, vehicle=ground, results=(ActionResult(A.ARM, False),)), 100.2, make.config
-    ).state
-    assert step(refused, make.inputs(state, vehicle=ground), 100.9, make.config).action is None
-    assert step(refused, make.inputs(state, vehicle=ground), 101.0, make.config).action is A.ARM
+    state = make.state(P.HOLD, handed_over=False, pending=A.HOLD, asked=A.HOLD, asked_s=100.0)
+    seen = make.inputs(state, vehicle=make.vehicle())
+    refused = step(state, replace(seen, results=(ActionResult(A.HOLD, False),)), 100.2, make.config).state
+    assert step(refused, seen, 100.9, make.config).action is None
+    assert step(refused, seen, 101.0, make.config).action is A.HOLD
 
 
 def test_action_that_was_accepted_is_not_asked_again_while_telemetry_lags(make: Any):
-    state = make.state(P.TAKEOFF, takeoff_accepted=False, pending=A.ARM, asked=A.ARM, asked_s=100.0)
-    ground = make.on_ground()
-    accepted = step(
-        state, make.inputs(state, vehicle=ground, results=(ActionResult(A.ARM, True),)), 100.05, make.config
-    )
+    state = make.state(P.HOLD, handed_over=False, pending=A.HOLD, asked=A.HOLD, asked_s=100.0)
+    seen = make.inputs(state, vehicle=make.vehicle())
+    accepted = step(state, replace(seen, results=(ActionResult(A.HOLD, True),)), 100.05, make.config)
     assert accepted.action is None
-    assert step(accepted.state, make.inputs(state, vehicle=ground), 102.4, make.config).action is None
-    again = step(accepted.state, make.inputs(state, vehicle=ground), 102.5, make.config)
-    assert (again.action, again.state.refusals) == (A.ARM, 1)
+    assert step(accepted.state, seen, 102.4, make.config).action is None
+    again = step(accepted.state, seen, 102.5, make.config)
+    assert (again.action, again.state.refusals) == (A.HOLD, 1)
 
 
 def test_action_whose_answer_never_comes_is_given_up(make: Any):
@@ -174,7 +178,7 @@ def test_pilot_who_takes_over_while_offboard_is_entered_from_hold_has_it(make: A
 
 
 def test_mode_on_the_ground_is_the_pilots_once_px4_has_taken_off(make: Any):
-    state = make.state(P.TAKEOFF, entry_mode=FlightMode.POSITION)
+    state = make.state(P.TAKEOFF, entry_mode=FlightMode.POSITION, takeoff_seen=False, takeoff_accepted_s=99.5)
     low = np.array([0.0, 0.0, -1.0])
     lagging = make.vehicle(mode=FlightMode.POSITION, pos_ned_m=low)
     assert step(state, make.inputs(state, vehicle=lagging), 100.0, make.config).state.phase is P.TAKEOFF
@@ -504,7 +508,8 @@ def test_home_is_forgotten_when_the_mission_is_over(make: Any, phase):
 def test_mission_in_the_air_without_a_home_searches_at_the_height_it_has(make: Any):
     state = make.state(P.IDLE)
     high = make.vehicle(pos_ned_m=np.array([0.0, 0.0, -20.0]), mode=FlightMode.POSITION)
-    begun = step(state, make.inputs(state, vehicle=high, command=make.command(Op.SEARCH)), 100.0, make.config).state
+    order = replace(make.command(Op.SEARCH), takes_over=True)
+    begun = step(state, make.inputs(state, vehicle=high, command=order), 100.0, make.config).state
     assert (begun.phase, begun.entry_mode) == (P.SEARCH, FlightMode.POSITION)
     assert begun.home_ned_m[2] - make.config.search_height_m == pytest.approx(-20.0)
 

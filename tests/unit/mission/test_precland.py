@@ -164,7 +164,7 @@ def test_hold_and_abort_end_px4s_precision_landing(make: Any, order, after):
         (Hazard.BATTERY_LOW, False, P.FALLBACK_LAND),
         (Hazard.FRAMES_STALE, False, P.HOLD),
         (Hazard.FRAMES_STALE, True, P.PRECLAND),
-        (Hazard.LINK_LOST, True, P.IDLE),
+        (Hazard.LINK_LOST, True, P.SUSPENDED),
     ],
 )
 def test_safety_stays_in_force_until_the_commit(make: Any, hazard, committed, after):

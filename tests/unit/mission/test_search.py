@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.config import MissionConfig
-from app.messages import Goal, GoalKind, OperatorAction, Phase
+from app.messages import FlightMode, Goal, GoalKind, OperatorAction, Phase
 from app.mission.machine import step
 from app.mission.states import MissionState, Reason, Transition
 
@@ -86,7 +86,9 @@ def test_ground_that_was_never_seen_is_not_approached(make: Any):
     """A mission that begins in the air takes the ground to be the search height below, which it may not be."""
     idle = make.state(P.IDLE)
     order = make.command(OperatorAction.LAND)
-    begun = step(idle, make.inputs(idle, vehicle=make.vehicle(), command=order), 100.0, make.config).state
+    begun = step(
+        idle, make.inputs(idle, vehicle=make.vehicle(mode=FlightMode.HOLD), command=order), 100.0, make.config
+    ).state
     assert (begun.phase, begun.ground_known) == (P.SEARCH, False)
     state = replace(begun, goal=Goal(GoalKind.SEARCH, 5.0, ANCHOR, 7), offboard_seen=True)
     assert flown_out(make, state).state.phase is P.HOLD
