@@ -20,6 +20,7 @@ from app.channels import Events, Topic
 from app.clock import Clock
 from app.config import RigConfig
 from app.errors import AlightError
+from app.estimation.copy_check import CopyCheck
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
 from app.guidance.precland import PrecisionLanding
@@ -227,9 +228,11 @@ class Application:
             vehicle=self.vehicle.subscribe_window(int(2 * config.autopilot.telemetry_rate_hz)),
             fixes=self.fixes,
             tracks=self.tracks,
+            checks=self.track_checks,
             history=VehicleHistory(config.estimation.history_s),
             make_fix=parts.make_fix,
             estimator=TargetEstimator(config.estimation),
+            copy_check=CopyCheck(),
             compute=parts.compute,
         )
         control = run_control(

@@ -9,11 +9,12 @@ from functools import partial
 import numpy as np
 
 from app.channels import Latest, Topic, Window
+from app.estimation.copy_check import CopyCheck
 from app.estimation.fix import is_finite
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
 from app.log import get_logger
-from app.messages import Detection, PadFix, PadTrack, VehicleState
+from app.messages import Detection, PadFix, PadTrack, TrackCheck, VehicleState
 from app.tasks.compute import Compute
 
 log = get_logger("pose")
@@ -28,9 +29,11 @@ async def run_pose(
     vehicle: Window[VehicleState],
     fixes: Topic[PadFix],
     tracks: Topic[PadTrack],
+    checks: Topic[TrackCheck],
     history: VehicleHistory,
     make_fix: FixMaker,
     estimator: TargetEstimator,
+    copy_check: CopyCheck,
     compute: Compute,
 ) -> None:
     """Run until cancelled."""
@@ -42,6 +45,7 @@ async def run_pose(
             if resets is not None and state.frame_resets != resets:
                 log.warning("frame.reset", count=state.frame_resets)
                 estimator.reset()
+                copy_check.reset()
             resets = state.frame_resets
         if not detection.detected:
             continue
@@ -69,4 +73,5 @@ async def run_pose(
         if not is_finite(fix):
             continue
         fixes.publish(fix)
+        checks.publish(copy_check.update(fix, at_capture.state.q_ned_from_body_wxyz))
         tracks.publish(estimator.update(fix))

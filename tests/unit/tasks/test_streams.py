@@ -14,10 +14,11 @@ from app.channels import Latest, Topic
 from app.clock import run_virtual
 from app.config import EstimationConfig
 from app.errors import AutopilotError
+from app.estimation.copy_check import CopyCheck
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
 from app.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from app.messages import Detection, OperatorText, PadFix, PadTrack, SeenContour, VehicleState
+from app.messages import Detection, OperatorText, PadFix, PadTrack, SeenContour, TrackCheck, VehicleState
 from app.tasks.compute import in_place
 from app.tasks.pose import run_pose
 from app.tasks.recorder import Recorded, run_recorder
@@ -49,6 +50,7 @@ class PoseBench:
         self.vehicle: Topic[VehicleState] = Topic("vehicle")
         self.fixes: Topic[PadFix] = Topic("fixes")
         self.tracks: Topic[PadTrack] = Topic("tracks")
+        self.checks: Topic[TrackCheck] = Topic("track_checks")
         self.made = self.fixes.subscribe_all()
         self.tracked: Latest[PadTrack] = self.tracks.subscribe()
         self.spoil = 0.0
@@ -57,9 +59,11 @@ class PoseBench:
             vehicle=self.vehicle.subscribe_window(200),
             fixes=self.fixes,
             tracks=self.tracks,
+            checks=self.checks,
             history=VehicleHistory(2.0),
             make_fix=self.fix,
             estimator=TargetEstimator(EstimationConfig()),
+            copy_check=CopyCheck(),
             compute=in_place,
         )
 
