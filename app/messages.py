@@ -712,10 +712,12 @@ class GoalOrder:
     Attributes:
         t_s: When the mission last renewed it.
         goal: What to do.
+        home_ned_m: (3,) ground where this flight began, in PX4's present local frame; None between missions.
     """
 
     t_s: float
     goal: Goal
+    home_ned_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

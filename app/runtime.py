@@ -23,6 +23,7 @@ from app.errors import AlightError
 from app.estimation.copy_check import CopyCheck
 from app.estimation.target import TargetEstimator
 from app.estimation.vehicle_history import VehicleHistory
+from app.guidance.envelope import envelope_of
 from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
 from app.log import get_logger
@@ -244,6 +245,7 @@ class Application:
             controller=VelocityController(config.guidance, config.safety),
             precland=PrecisionLanding(config.guidance, config.safety),
             autopilot=autopilot,
+            envelope=envelope_of(config),
             safety=config.safety,
             estimation=config.estimation,
             rate_hz=config.autopilot.setpoint_rate_hz,

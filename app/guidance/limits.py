@@ -11,7 +11,7 @@ from app.frames import Array
 
 def limit_norm(vector: Array, limit: float) -> Array:
     """The vector, shortened to `limit` if it is longer; its direction stays. NaN if an element is not finite."""
-    norm = float(np.linalg.norm(vector))
+    norm = math.hypot(*vector.tolist())  # np.linalg.norm overflows at the root of the largest number
     if not math.isfinite(norm):
         return np.full_like(vector, math.nan)
     return vector if norm <= limit else vector * (limit / norm)
@@ -52,7 +52,7 @@ def approach(
         Both (n,); NaN if an argument is not finite.
     """
     missing = wanted - velocity
-    distance = float(np.linalg.norm(missing))
+    distance = math.hypot(*missing.tolist())
     right = np.zeros_like(missing)
     if not math.isfinite(distance):
         right = missing  # NaN stays NaN: it must not pass for a velocity that is right already

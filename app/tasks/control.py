@@ -1,5 +1,6 @@
-"""The velocity controller's loop: 50 times a second, one setpoint, sent once. Nothing else sends setpoints.
-While PX4 lands by its own precision landing, it is told where the pad is instead, 20 times a second.
+"""The velocity controller's loop: 50 times a second, one setpoint, sent once. Nothing else sends setpoints, and none
+leaves the envelope. While PX4 lands by its own precision landing, it is told where the pad is instead, 20 times a
+second.
 
 No setpoint outlives its sender: the link re-sends nothing, so a loop that stops is a stream that stops, and PX4's own
 offboard-loss failsafe takes over. The loop itself falls silent when the mission's order or the vehicle's state is old.
@@ -16,6 +17,7 @@ from app.channels import Latest, Topic
 from app.clock import Clock
 from app.config import EstimationConfig, SafetyConfig
 from app.frames import is_rotation
+from app.guidance.envelope import Envelope, Surroundings, bounded
 from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
 from app.messages import (
@@ -45,6 +47,7 @@ async def run_control(
     controller: VelocityController,
     precland: PrecisionLanding,
     autopilot: Autopilot,
+    envelope: Envelope,
     safety: SafetyConfig,
     estimation: EstimationConfig,
     rate_hz: float,
@@ -62,6 +65,7 @@ async def run_control(
         controller: Guidance.
         precland: Guidance of PX4's own precision landing.
         autopilot: Where the setpoints go.
+        envelope: What every setpoint keeps to, whatever made it.
         safety: Ages at which orders and states are too old.
         estimation: How many fixes make a track that may be followed: one that just began anew may be an error.
         rate_hz: Turns a second.
@@ -79,7 +83,9 @@ async def run_control(
         now_s = clock.now_s()
         track = tracks.newest
         known = track if track is not None and track.fixes_accepted >= estimation.fixes_before_confident else None
-        setpoint, target, status = _decide(orders.newest, known, vehicle.newest, controller, precland, safety, now_s)
+        order, state = orders.newest, vehicle.newest
+        wanted, target, status = _decide(order, known, state, controller, precland, safety, now_s)
+        setpoint = None if wanted is None else bounded(wanted, envelope, _surroundings(order, state, status))
         if setpoint is not None:
             await autopilot.send_setpoint(setpoint)
         if target is not None and now_s < target_due_s - 0.5 * period_s:
@@ -97,6 +103,15 @@ async def run_control(
         turns.publish(ControlTurn(sent_s, now_s - previous_s, setpoint, latency_s, status, target))
         previous_s = now_s
         alive()
+
+
+def _surroundings(order: GoalOrder | None, vehicle: VehicleState | None, status: GuidanceStatus | None) -> Surroundings:
+    """Where the vehicle is, as far as home and the track tell."""
+    home = None if order is None else order.home_ned_m
+    over_home_m = None if home is None or vehicle is None else float(home[2] - vehicle.pos_ned_m[2])
+    if status is None:
+        return Surroundings(over_home_m)
+    return Surroundings(over_home_m, status.height_above_pad_m, status.committed and status.contact)
 
 
 def _decide(

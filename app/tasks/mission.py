@@ -186,7 +186,7 @@ def _inputs(
 
 
 def _pass_on(transition: Transition, queues: MissionQueues, now_s: float) -> None:
-    queues.orders.publish(GoalOrder(now_s, transition.state.goal))
+    queues.orders.publish(GoalOrder(now_s, transition.state.goal, transition.state.home_ned_m))
     if transition.action is not None:
         queues.requests.emit(ActionRequest(transition.action, transition.action_height_m))
     for answer in transition.answers:

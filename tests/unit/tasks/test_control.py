@@ -12,19 +12,33 @@ import pytest
 from app.channels import Topic
 from app.clock import run_virtual
 from app.config import EstimationConfig, GuidanceConfig, SafetyConfig
+from app.guidance.envelope import Envelope
 from app.guidance.precland import PrecisionLanding
 from app.guidance.velocity import VelocityController
-from app.messages import ControlTurn, FlightMode, Goal, GoalKind, GoalOrder, GuidanceStatus, PadTrack, VehicleState
+from app.messages import (
+    ControlTurn,
+    FlightMode,
+    Goal,
+    GoalKind,
+    GoalOrder,
+    GuidanceStatus,
+    PadTrack,
+    Setpoint,
+    VehicleState,
+)
 from app.tasks.control import run_control
 
 SAFETY = SafetyConfig(setpoint_gap_max_s=0.3, vehicle_state_stale_s=0.5, track_stale_s=0.5)
+ENVELOPE = Envelope(
+    speed_max_m_s=8.0, climb_max_m_s=3.0, sink_max_m_s=3.5, acceleration_max_m_s2=6.0, floor_m=2.5, ceiling_m=30.0
+)
 STAY, HOVER = Goal(GoalKind.STAY, number=1), Goal(GoalKind.HOVER, 3.0, number=1)
 
 
 class Bench:
     """The loop with its queues; `hold` keeps topics fresh until the times given."""
 
-    def __init__(self, fakes: Any) -> None:
+    def __init__(self, fakes: Any, controller: VelocityController | None = None) -> None:
         self.fakes, self.autopilot = fakes, fakes.Autopilot()
         self.orders: Topic[GoalOrder] = Topic("orders")
         self.tracks: Topic[PadTrack] = Topic("tracks")
@@ -40,9 +54,10 @@ class Bench:
             vehicle=self.vehicle.subscribe(),
             statuses=self.statuses,
             turns=self.turns,
-            controller=VelocityController(GuidanceConfig(), SAFETY),
+            controller=controller or VelocityController(GuidanceConfig(), SAFETY),
             precland=PrecisionLanding(GuidanceConfig(), SAFETY),
             autopilot=self.autopilot,
+            envelope=ENVELOPE,
             safety=SAFETY,
             estimation=EstimationConfig(fixes_before_confident=5),
             rate_hz=50.0,
@@ -61,13 +76,14 @@ class Bench:
         orders_s: float = 1e9,
         states_s: float = 1e9,
         pad: PadTrack | None = None,
+        home_ned_m: np.ndarray | None = None,
     ) -> None:
         """Feed the loop every 10 ms; no order after `orders_s`, no vehicle state after `states_s`."""
         until_s = self.fakes.clock.now_s() + seconds
         while self.fakes.clock.now_s() < until_s - 1e-9:
             now_s = self.fakes.clock.now_s()
             if now_s <= orders_s:
-                self.orders.publish(GoalOrder(now_s, goal))
+                self.orders.publish(GoalOrder(now_s, goal, home_ned_m))
             if now_s <= states_s:
                 self.vehicle.publish(self.fakes.vehicle_at(self.state, now_s))
             if pad is not None:
@@ -78,9 +94,9 @@ class Bench:
         return np.array([t_s for t_s, _ in self.autopilot.setpoints])
 
 
-def fly(fakes: Any, scenario: Any) -> Bench:
+def fly(fakes: Any, scenario: Any, controller: VelocityController | None = None) -> Bench:
     async def main() -> Bench:
-        bench = Bench(fakes)
+        bench = Bench(fakes, controller)
         async with fakes.running(bench.loop):
             await scenario(bench)
         return bench
@@ -228,3 +244,39 @@ def test_control_tells_px4_nothing_once_orders_or_states_are_old(fakes: Any, sto
         await bench.fly(3.0, PRECLAND, pad=fakes.track(10.0, 1.0), **stops)
 
     assert 10.9 <= max(t_s for t_s, _ in fly(fakes, scenario).autopilot.targets) <= 11.55
+
+
+class Absurd(VelocityController):
+    """Returns one setpoint, whatever is asked."""
+
+    def __init__(self, vel: tuple[float, float, float]) -> None:
+        super().__init__(GuidanceConfig(), SAFETY)
+        self.vel = np.array(vel)
+
+    def step(
+        self, goal: Goal, track: PadTrack | None, vehicle: VehicleState, now_s: float
+    ) -> tuple[Setpoint | None, GuidanceStatus]:
+        return Setpoint(now_s, self.vel, np.zeros(3), 0.0), GuidanceStatus(now_s, goal.number)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "home_down_m", "sent"),
+    [
+        pytest.param((0.0, 50.0, 0.0), 2.0, (0.0, 8.0, 0.0), id="fast"),
+        pytest.param((0.0, 0.0, -50.0), 2.0, (0.0, 0.0, -3.0), id="climbing"),
+        pytest.param((0.0, 0.0, 50.0), 7.0, (0.0, 0.0, 3.5), id="sinking 10 m over home"),
+        pytest.param((0.0, 0.0, 50.0), -1.0, (0.0, 0.0, 0.0), id="sinking 2 m over home, with no track"),
+        pytest.param((0.0, 0.0, -50.0), 30.0, (0.0, 0.0, 0.0), id="climbing 33 m over home"),
+    ],
+)
+def test_control_sends_no_setpoint_outside_of_the_envelope(fakes: Any, wanted, home_down_m, sent):
+    """The vehicle is 3 m over the frame's origin."""
+    home = np.array([0.0, 0.0, home_down_m])
+    setpoints = fly(fakes, lambda b: b.fly(0.5, home_ned_m=home), Absurd(wanted)).autopilot.setpoints
+    assert setpoints
+    np.testing.assert_allclose([s.vel_ned_m_s for _, s in setpoints], [sent] * len(setpoints), atol=1e-9)
+
+
+def test_control_is_silent_where_a_setpoint_is_not_finite(fakes: Any):
+    bench = fly(fakes, lambda b: b.fly(0.5), Absurd((0.0, math.nan, 0.0)))
+    assert bench.autopilot.setpoints == [] and bench.alive >= 24
