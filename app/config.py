@@ -17,10 +17,13 @@ from app.config_world import LightConfig as LightConfig
 from app.config_world import PadMotionConfig as PadMotionConfig
 from app.config_world import WorldConfig as WorldConfig
 from app.errors import ConfigError
+from app.frames import is_inside
 from app.landmark import ContourSpec, Landmark, Shape, build_landmark
 from app.sections import Section as Section
 
 Address = Annotated[str, Field(pattern=r"^(udpin|udpout|tcpin|tcpout|serial|serial_flowcontrol)://\S+$")]
+Metres = Annotated[float, Field(ge=-20000.0, le=20000.0)]
+FenceCorner = tuple[Metres, Metres]
 OnVehicle = Annotated[float, Field(ge=-5.0, le=5.0)]
 """Metres from the middle of the vehicle: nothing on it is further off."""
 LEAST_FOCAL, MOST_FOCAL = 0.1, 20.0
@@ -299,10 +302,31 @@ class SafetyConfig(Section):
     distance_from_home_max_m: float = Field(default=300.0, gt=0, le=20000)
     height_max_m: float = Field(default=30.0, gt=0, le=500)
     tilt_max_deg: float = Field(default=45.0, gt=0, le=90)
+    tilt_reserve_deg: float = Field(
+        default=12.0,
+        ge=0,
+        le=45,
+        description="under tilt_max_deg: a vehicle that leans into this for seconds has no reserve against the wind",
+    )
+    fence_ne_m: tuple[FenceCorner, ...] = Field(
+        default=(),
+        max_length=100,
+        description="corners of a polygon that is not to be left, metres north and east of home; empty for none",
+    )
     battery_min_fraction: float = Field(default=0.15, ge=0, le=1)
     battery_unknown_action: Literal["land", "warn"] = Field(
         default="land", description="when PX4 tells no battery level: as with a low battery, or only a warning"
     )
+
+    @model_validator(mode="after")
+    def _fence_holds_home(self) -> SafetyConfig:
+        if not self.fence_ne_m:
+            return self
+        if len(self.fence_ne_m) < 3:
+            raise ValueError(f"fence_ne_m has {len(self.fence_ne_m)} corners, a polygon needs 3 or more")
+        if not is_inside((0.0, 0.0), self.fence_ne_m):
+            raise ValueError("fence_ne_m must hold home, which is at 0 north, 0 east")
+        return self
 
 
 class RecorderConfig(Section):

@@ -10,6 +10,7 @@ Quaternions are Hamilton, unit, ordered w, x, y, z.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,3 +145,15 @@ class Transform:
         """Points (n, 3) or (3,) of b, in a."""
         result: Array = points @ self.rotation.T + self.translation
         return result
+
+
+def is_inside(point: tuple[float, float], corners: Sequence[tuple[float, float]]) -> bool:
+    """Whether a point lies inside a polygon, both in any plane: the even-odd rule (a ray crosses the border an odd
+    number of times). NaN is outside.
+    """
+    x, y = point
+    inside = False
+    for (x0, y0), (x1, y1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if (y0 > y) != (y1 > y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):
+            inside = not inside
+    return inside

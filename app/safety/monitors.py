@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.config import SafetyConfig
-from app.frames import Array, is_rotation, rotation_from_quaternion, tilt_rad
+from app.frames import Array, is_inside, is_rotation, rotation_from_quaternion, tilt_rad
 from app.messages import CameraStatus, Hazard, PadTrack, Response, TrackCheck, VehicleState, Verdict
 
 MODE_AGE_MAX_S = 1.5
@@ -134,6 +134,34 @@ def _height(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: Saf
     return None
 
 
+def _fence(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
+    if seen.home_ned_m is None or not config.fence_ne_m:
+        return None
+    north, east, _ = (vehicle.pos_ned_m - seen.home_ned_m).tolist()
+    if is_inside((north, east), config.fence_ne_m):
+        return None
+    return Verdict(Hazard.FENCE_LEFT, f"outside the fence, {north:.0f} m N {east:.0f} m E")
+
+
+def _estimator(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
+    if vehicle.gnss_glitch:
+        return Verdict(Hazard.ESTIMATOR_BAD, "PX4 says that GNSS jumps")
+    ratio = vehicle.estimator_test_ratio
+    if ratio is not None and not ratio <= 1.0:
+        return Verdict(Hazard.ESTIMATOR_BAD, f"PX4's estimator rejects data, {ratio:.1f} over 1")
+    return None
+
+
+def _wind(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
+    """A lean that lasts (CONFIRM_S) holds against the air: what is left of it is the reserve against a gust."""
+    if not is_rotation(vehicle.q_ned_from_body_wxyz):
+        return None
+    tilt_deg = math.degrees(tilt_rad(rotation_from_quaternion(vehicle.q_ned_from_body_wxyz)))
+    if not tilt_deg <= config.tilt_max_deg - config.tilt_reserve_deg:
+        return Verdict(Hazard.WIND_EXCESSIVE, f"leans {tilt_deg:.0f} deg for long: too much wind")
+    return None
+
+
 def _frames(seen: SafetyInputs, vehicle: VehicleState, now_s: float, config: SafetyConfig) -> Verdict | None:
     """By arrival too, where arrivals are known: a frame's own time may be wrong, and lie ahead."""
     times_s = (seen.last_frame_s,) if seen.camera is None else (seen.last_frame_s, seen.camera.new_frame_s)
@@ -183,6 +211,9 @@ MONITORS: tuple[Monitor, ...] = (
     _battery,
     _distance,
     _height,
+    _fence,
+    _estimator,
+    _wind,
     _frames,
     _frozen,
     _image,

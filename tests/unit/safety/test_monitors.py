@@ -64,7 +64,8 @@ def test_no_vehicle_is_a_lost_link():
         ({"local_position_ok": False}, Hazard.POSITION_LOST),
         ({"pos_ned_m": np.array([0.0, np.nan, 0.0])}, Hazard.POSITION_LOST),
         ({"vel_ned_m_s": np.array([0.0, 0.0, np.inf])}, Hazard.POSITION_LOST),
-        ({"q_ned_from_body_wxyz": tilted(44.9)}, None),
+        ({"q_ned_from_body_wxyz": tilted(32.9)}, None),
+        ({"q_ned_from_body_wxyz": tilted(44.9)}, Hazard.WIND_EXCESSIVE),
         ({"q_ned_from_body_wxyz": tilted(-45.1)}, Hazard.TILT_EXCESSIVE),
         ({"q_ned_from_body_wxyz": tilted(180.0)}, Hazard.TILT_EXCESSIVE),
         ({"battery_fraction": 0.15}, None),
@@ -151,6 +152,48 @@ def test_every_hazard_has_a_response(kind):
 def test_words_of_a_verdict_fit_the_phone(changes):
     verdicts = judge(SafetyInputs(vehicle(**changes), HOME, 100.0), 100.0, CONFIG)
     assert verdicts and all(len(v.detail) <= 40 and v.detail.isascii() for v in verdicts)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"estimator_test_ratio": 0.9}, []),
+        ({"estimator_test_ratio": 1.1}, [Hazard.ESTIMATOR_BAD]),
+        ({"estimator_test_ratio": math.nan}, [Hazard.ESTIMATOR_BAD]),
+        ({"gnss_glitch": True}, [Hazard.ESTIMATOR_BAD]),
+        ({"q_ned_from_body_wxyz": tilted(34.0)}, [Hazard.WIND_EXCESSIVE]),  # 45 deg less 12 of reserve
+    ],
+)
+def test_estimator_and_wind_at_their_limits(changes, expected):
+    assert [v.hazard for v in judge(SafetyInputs(vehicle(**changes), HOME, 100.0), 100.0, CONFIG)] == expected
+
+
+# An L about home: 40 m to the north, 10 m wide, and a foot of 30 m to the east.
+FENCE = ((-5.0, -5.0), (40.0, -5.0), (40.0, 5.0), (5.0, 5.0), (5.0, 30.0), (-5.0, 30.0))
+
+
+@pytest.mark.parametrize(
+    ("north", "east", "outside"),
+    [
+        (0.0, 0.0, False),
+        (39.0, 4.0, False),
+        (4.0, 29.0, False),
+        (20.0, 20.0, True),
+        (41.0, 0.0, True),
+        (0.0, -6.0, True),
+    ],
+)
+def test_fence_that_is_left_is_a_hazard(north, east, outside):
+    config = SafetyConfig(fence_ne_m=FENCE)
+    state = vehicle(pos_ned_m=HOME + np.array([north, east, -4.0]))
+    hazards = [v.hazard for v in judge(SafetyInputs(state, HOME, 100.0), 100.0, config)]
+    assert hazards == ([Hazard.FENCE_LEFT] if outside else [])
+
+
+@pytest.mark.parametrize("fence", [((0.0, 0.0), (1.0, 1.0)), ((10.0, 10.0), (20.0, 10.0), (20.0, 20.0))])
+def test_fence_without_area_or_without_home_is_refused(fence):
+    with pytest.raises(ValueError, match="fence_ne_m"):
+        SafetyConfig(fence_ne_m=fence)
 
 
 TRACK = PadTrack(100.0, np.zeros(3), np.zeros(3), np.eye(6), 0.0, 0.0, 100.0, 20)
