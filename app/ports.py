@@ -6,7 +6,7 @@ opens in `__aenter__` (raising the AlightError of its kind) and releases everyth
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Any, Protocol, Self
 
@@ -21,6 +21,11 @@ from app.messages import (
     Setpoint,
     VehicleState,
 )
+
+
+def always() -> bool:
+    """True."""
+    return True
 
 
 class Port(Protocol):
@@ -87,11 +92,31 @@ class Autopilot(Port, Protocol):
         """Tell PX4's own precision landing once where the pad is."""
         ...
 
-    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
-        """Run an action to the autopilot's answer. TAKEOFF climbs to height_m above the present place.
+    async def execute(
+        self,
+        action: AutopilotAction,
+        *,
+        height_m: float = 0.0,
+        asked_s: float | None = None,
+        wanted: Callable[[], bool] = always,
+    ) -> None:
+        """Run an action to the autopilot's answer. Cancelling the call ends it at once: nothing of it is sent after.
+
+        One action runs at a time: a new one ends the one before, which then raises. An action without an answer is sent
+        again only while `wanted` says so and the vehicle is still in the mode and armed as when it was asked; in the
+        mode that was asked for it has succeeded; in any other mode it is the pilot's, and the action fails. ARM and
+        FORCE_DISARM are sent once.
+
+        Args:
+            action: Which.
+            height_m: TAKEOFF climbs to this height above the present place.
+            asked_s: When it was decided, on the application's clock; None: now. What is older than its limit (0.2 s for
+                FORCE_DISARM, 0.5 s for the others) when it would be put on the wire is not sent.
+            wanted: Whether it should still be sent; asked before each repeated sending.
 
         Raises:
-            AutopilotError: It was refused (with the autopilot's words) or no answer came in time.
+            AutopilotError: It was refused (with the autopilot's words), no answer came in time, it was too old, it is
+                no longer wanted, or another action replaced it.
         """
         ...
 

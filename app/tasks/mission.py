@@ -187,8 +187,8 @@ def _inputs(
 
 def _pass_on(transition: Transition, queues: MissionQueues, now_s: float) -> None:
     queues.orders.publish(GoalOrder(now_s, transition.state.goal, transition.state.home_ned_m))
-    if transition.action is not None:
-        queues.requests.emit(ActionRequest(transition.action, transition.action_height_m))
+    if transition.action is not None or transition.cancels:
+        queues.requests.emit(ActionRequest(transition.action, transition.action_height_m, now_s))
     for answer in transition.answers:
         queues.answers.emit(answer)
     for text in transition.texts:

@@ -23,6 +23,7 @@ from app.config import AutopilotConfig
 from app.errors import AutopilotError
 from app.log import get_logger
 from app.messages import AutopilotAction, CommandResult, LandingTarget, Setpoint, VehicleState
+from app.ports import always
 from drivers.autopilot.command_channel import SENDS, CommandChannel, NoAnswerError
 from drivers.autopilot.px4_commands import (
     SET_MESSAGE_INTERVAL,
@@ -298,7 +299,14 @@ class Px4Autopilot:
 
         return put
 
-    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
+    async def execute(
+        self,
+        action: AutopilotAction,
+        *,
+        height_m: float = 0.0,
+        asked_s: float | None = None,
+        wanted: Callable[[], bool] = always,
+    ) -> None:
         """Run an action to PX4's answer, within action_timeout_s. TAKEOFF climbs to height_m above the present height.
 
         The answer is PX4's acceptance; that the mode has changed is seen in states().

@@ -6,7 +6,7 @@ There is no MAVLink in it; the real link's driver flies the same flight controll
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Self
 
@@ -15,6 +15,7 @@ import numpy as np
 from app.channels import Latest
 from app.errors import AutopilotError
 from app.messages import AutopilotAction, FlightMode, LandingTarget, Setpoint, VehicleState
+from app.ports import always
 from drivers.simulator.commander import Result
 from drivers.simulator.controller import NO_VECTOR, Demand
 from drivers.simulator.telemetry import BATTERY_DRAIN_1_S
@@ -87,7 +88,14 @@ class SimulatedAutopilot:
     async def send_landing_target(self, target: LandingTarget) -> None:
         """The simulated PX4 has no precision landing, and refuses its mode."""
 
-    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
+    async def execute(
+        self,
+        action: AutopilotAction,
+        *,
+        height_m: float = 0.0,
+        asked_s: float | None = None,
+        wanted: Callable[[], bool] = always,
+    ) -> None:
         """Run an action to its answer.
 
         Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Self
@@ -27,6 +27,7 @@ from app.messages import (
     Setpoint,
     VehicleState,
 )
+from app.ports import always
 
 CLOCK = LoopClock()
 
@@ -54,7 +55,10 @@ class FakePort:
 
 
 class FakeAutopilot(FakePort):
-    """Keeps what it is sent. `state` is what states() gives a hundred times a second; actions take `takes_s`."""
+    """Keeps what it is sent. `state` is what states() gives a hundred times a second; actions take `takes_s`.
+
+    `ended` are those that were cancelled.
+    """
 
     def __init__(self, state: VehicleState | None = None) -> None:
         super().__init__()
@@ -62,6 +66,8 @@ class FakeAutopilot(FakePort):
         self.setpoints: list[tuple[float, Setpoint]] = []
         self.targets: list[tuple[float, LandingTarget]] = []
         self.actions: list[tuple[float, AutopilotAction]] = []
+        self.asked_s: list[float | None] = []
+        self.ended: list[tuple[float, AutopilotAction]] = []
         self.refuses: set[AutopilotAction] = set()
         self.takes_s = 0.02
         self.send_takes_s = 0.0
@@ -80,9 +86,21 @@ class FakeAutopilot(FakePort):
     async def send_landing_target(self, target: LandingTarget) -> None:
         self.targets.append((CLOCK.now_s(), target))
 
-    async def execute(self, action: AutopilotAction, *, height_m: float = 0.0) -> None:
+    async def execute(
+        self,
+        action: AutopilotAction,
+        *,
+        height_m: float = 0.0,
+        asked_s: float | None = None,
+        wanted: Callable[[], bool] = always,
+    ) -> None:
         self.actions.append((CLOCK.now_s(), action))
-        await asyncio.sleep(self.takes_s)
+        self.asked_s.append(asked_s)
+        try:
+            await asyncio.sleep(self.takes_s)
+        except asyncio.CancelledError:
+            self.ended.append((CLOCK.now_s(), action))
+            raise
         if action in self.refuses:
             raise AutopilotError(f"PX4 refused to {action.value}", "see what PX4 says")
 

@@ -193,24 +193,45 @@ def test_mission_whose_vehicle_falls_silent_stops_commanding_within_its_limit(fa
 
 
 # -------------------------------------------------------------------------------------------------- actions, operator
-def test_actions_are_run_beside_each_other_and_each_is_answered(fakes: Any):
-    async def main() -> list[ActionResult]:
+def act(fakes: Any, *asked: tuple[float, AutopilotAction | None], refuses: set[AutopilotAction] = frozenset()) -> Any:
+    """The autopilot, whose actions take a second each, and the results, after requests at these times."""
+
+    async def main() -> tuple[Any, list[ActionResult]]:
         requests: Events[ActionRequest] = Events("requests")
         results: Events[ActionResult] = Events("results")
         autopilot = fakes.Autopilot()
-        autopilot.takes_s, autopilot.refuses = 1.0, {AutopilotAction.ARM}
+        autopilot.takes_s, autopilot.refuses = 1.0, refuses
         async with fakes.running(run_actions(requests=requests, results=results, autopilot=autopilot)):
-            requests.emit(ActionRequest(AutopilotAction.ARM))
-            requests.emit(ActionRequest(AutopilotAction.HOLD))
-            await asyncio.sleep(1.01)
-            return results.drain()
+            loop = asyncio.get_running_loop()
+            for at_s, action in asked:
+                loop.call_at(at_s, requests.emit, ActionRequest(action, asked_s=at_s))
+            await asyncio.sleep(5.0)
+            return autopilot, results.drain()
 
-    told = run_virtual(main())
+    return run_virtual(main())
+
+
+def test_action_runs_beside_the_loops_and_is_answered(fakes: Any):
+    autopilot, told = act(fakes, (0.5, AutopilotAction.ARM), (2.0, AutopilotAction.HOLD), refuses={AutopilotAction.ARM})
     assert [(result.action, result.ok) for result in told] == [
         (AutopilotAction.ARM, False),
         (AutopilotAction.HOLD, True),
     ]
     assert told[0].detail == "PX4 refused to arm"
+    assert autopilot.asked_s == [0.5, 2.0]
+
+
+def test_new_action_ends_the_one_that_runs_without_a_result(fakes: Any):
+    autopilot, told = act(fakes, (0.5, AutopilotAction.ARM), (1.0, AutopilotAction.DISARM))
+    assert [action for _, action in autopilot.ended] == [AutopilotAction.ARM]
+    assert autopilot.ended[0][0] == pytest.approx(1.0)
+    assert [result.action for result in told] == [AutopilotAction.DISARM]
+
+
+def test_request_without_an_action_ends_the_one_that_runs(fakes: Any):
+    autopilot, told = act(fakes, (0.5, AutopilotAction.OFFBOARD), (1.0, None))
+    assert [action for _, action in autopilot.ended] == [AutopilotAction.OFFBOARD]
+    assert told == []
 
 
 def test_operator_passes_orders_answers_and_texts_on(fakes: Any):
