@@ -29,16 +29,21 @@ WINDOW_S = 1.2
 FIXES_MIN = 8
 STEP_S = 0.1
 """The window is judged so often."""
-OWN_MOTION_MIN_M = 0.015
+OWN_MOTION_MIN_M = 0.02
 """Root mean square of o: below that the noise of the measurements decides."""
-OWN_MOTION_MIN_RAD = math.radians(0.35)
+OWN_MOTION_MIN_RAD = math.radians(0.45)
 """... and of o over the distance: below that the error of PX4's attitude decides."""
 COPY_MIN = 0.35
 """A mount that is off by 20 degrees gives this. Of 30 flights over pads at rest, cars that brake and turn, and boats,
 with both limits met by no window, 95 % of all windows stayed under 0.3, with late and slow cameras too (measured)."""
 COHERENCE_MIN = 0.5
 """Part of p that o explains: the pad's own motion and noise are not in it."""
-WRONG_FOR_S = 0.6
+WRONG_FOR_S = 1.6
+"""Longer than the window: one step of PX4's attitude, or one frame at a wrong time, is in it for 1.2 s (on a busy
+machine with a real PX4 such a step was 3 cm at 2.5 m)."""
+OWN_MOTION_STRONG_M = 0.03
+STRONG_MAX = 3.0
+"""A window with more motion than that counts for more time, up to so many times."""
 RIGHT_LEAK = 0.5
 """A window that is right takes back this part of its time."""
 
@@ -93,10 +98,11 @@ class CopyCheck:
         if judged is None:
             self._check = TrackCheck(t_s, None, self._check.cause, self._check.since_s)
             return self._check
-        ratio, coherence = judged
+        ratio, coherence, own_motion_m = judged
         if abs(ratio) >= COPY_MIN and coherence >= COHERENCE_MIN:
             self._mean = ratio if self._wrong_s == 0.0 else self._mean + 0.2 * (ratio - self._mean)
-            self._wrong_s = min(2.0 * WRONG_FOR_S, self._wrong_s + dt_s)
+            weight = min(STRONG_MAX, max(1.0, own_motion_m / OWN_MOTION_STRONG_M))
+            self._wrong_s = min(1.5 * WRONG_FOR_S, self._wrong_s + weight * dt_s)
         else:
             self._wrong_s = max(0.0, self._wrong_s - RIGHT_LEAK * dt_s)
         wrong = self._wrong_s >= WRONG_FOR_S or (bool(self._check.cause) and self._wrong_s > 0.0)
@@ -105,9 +111,9 @@ class CopyCheck:
         return self._check
 
 
-def regression(samples: deque[_Sample]) -> tuple[complex, float] | None:
-    """How much of the vehicle's own motion the pad copies, and which part of the pad's motion that explains; None
-    where there are too few fixes or too little motion.
+def regression(samples: deque[_Sample]) -> tuple[complex, float, float] | None:
+    """How much of the vehicle's own motion the pad copies, which part of the pad's motion that explains, and the root
+    mean square of the own motion, m; None where there are too few fixes or too little motion.
     """
     if len(samples) < FIXES_MIN or samples[-1].t_s - samples[0].t_s < 0.6 * WINDOW_S:
         return None
@@ -124,7 +130,7 @@ def regression(samples: deque[_Sample]) -> tuple[complex, float] | None:
     if rms_m < max(OWN_MOTION_MIN_M, OWN_MOTION_MIN_RAD * float(np.linalg.norm(in_body))) or power_p == 0.0:
         return None
     product = complex(np.vdot(o, p))
-    return product / power_o, abs(product) ** 2 / (power_o * power_p)
+    return product / power_o, abs(product) ** 2 / (power_o * power_p), rms_m
 
 
 def _shaking(t_s: Array, way_m: Array) -> Array:

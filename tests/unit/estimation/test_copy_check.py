@@ -116,18 +116,34 @@ def test_ratio_of_a_turned_camera_is_the_chord_of_its_angle(mount_deg):
     [{"frozen_at_s": 0.0}, {"late_s": 0.3}, {"mount_deg": 45.0}, {"mount_deg": 90.0}, {"mount_deg": 180.0}],
     ids=str,
 )
-def test_pad_that_copies_the_vehicle_is_named_within_two_seconds(flight):
+def test_pad_that_copies_the_vehicle_is_named_within_three_seconds(flight):
     said = judge(6.0, **flight)
     first = next(k for k, check in enumerate(said) if check.cause)
-    assert first / RATE_HZ <= 2.0
+    assert first / RATE_HZ <= 3.0
     assert all(check.cause for check in said[first:])
     assert all(len(check.cause) <= 40 for check in said)
 
 
-def test_image_that_freezes_in_flight_is_named_within_two_seconds_of_it():
+def test_image_that_freezes_in_flight_is_named_within_three_seconds_of_it():
     said = judge(10.0, frozen_at_s=5.0)
     first = next(k for k, check in enumerate(said) if check.cause)
-    assert 5.0 < first / RATE_HZ <= 7.0
+    assert 5.0 < first / RATE_HZ <= 8.0
+
+
+def test_single_step_of_the_attitude_is_not_taken_for_a_copy():
+    """Two degrees at once, as an estimator corrects itself: one event, however long it stays in the window."""
+    check, vehicle = CopyCheck(), Shaking(tilt_deg=0.3)
+    said = []
+    for k in range(round(6.0 * RATE_HZ)):
+        t_s = k / RATE_HZ
+        seen = rotation_from_quaternion(vehicle.attitude(t_s)).T @ -vehicle.pos_m(t_s)
+        q = vehicle.attitude(t_s)
+        if t_s > 3.0:  # PX4 believes in a roll that is not there
+            q = quaternion(math.radians(1.4), 0.0)
+        from_vehicle = rotation_from_quaternion(q) @ seen
+        fix = PadFix(t_s, from_vehicle, from_vehicle, np.eye(3), 0.0, 0.02, "44", travelled_ned_m=vehicle.pos_m(t_s))
+        said.append(check.update(fix, q))
+    assert not any(c.cause for c in said[: round(4.3 * RATE_HZ)])
 
 
 def test_vehicle_that_does_not_move_gives_no_judgement():
