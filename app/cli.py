@@ -139,15 +139,17 @@ def check(
     config: Annotated[Path, typer.Option(help="Rig file.")],
     seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long to look at each part.")] = 3.0,
 ) -> None:
-    """Look at a rig before a flight: files, camera, autopilot, phone link. Tells all faults at once."""
-    from app.service import check_rig
+    """Look at a rig before a flight: files, camera, autopilot, PX4's failsafe parameters, phone link. Tells all faults
+    at once.
+    """
+    from app.service import Verdict, check_rig
     from app.wiring import load_rig
 
     configure_logging(quiet=True)
     faults = 0
-    for part, fault, detail in asyncio.run(check_rig(load_rig(config), seconds)):
-        faults += fault
-        typer.echo(f"{'FAULT' if fault else 'ok   '}  {part}: {detail}")
+    for part, verdict, detail in asyncio.run(check_rig(load_rig(config), seconds)):
+        faults += verdict is Verdict.FAULT
+        typer.echo(f"{verdict:5}  {part}: {detail}")
     if faults:
         raise ConfigError(f"{config}: {faults} fault(s)", "mend what is marked FAULT above")
 

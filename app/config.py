@@ -152,6 +152,11 @@ class AutopilotConfig(Section):
     telemetry_rate_hz: float = Field(default=100.0, ge=10, le=250)
     setpoint_rate_hz: float = Field(default=50.0, ge=5, le=100)
     action_timeout_s: float = Field(default=5.0, gt=0, le=30)
+    check_parameters: Literal["refuse", "warn", "off"] = Field(
+        default="warn",
+        description="PX4's failsafe parameters are compared with deploy/px4/alight.params when the link opens; refuse: "
+        "no arming while a critical one differs (COM_OF_LOSS_T, COM_OBL_RC_ACT, COM_RC_OVERRIDE)",
+    )
 
 
 class OperatorConfig(Section):

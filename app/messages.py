@@ -508,6 +508,23 @@ class ActionResult:
     detail: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterFinding:
+    """A parameter of PX4 that is not as it has to be.
+
+    Attributes:
+        name: PX4's.
+        words: What it is, what it has to be, and why.
+        brief: The same without the reason, for the phone: 50 characters.
+        critical: Nobody is safe while it is so.
+    """
+
+    name: str
+    words: str
+    brief: str
+    critical: bool
+
+
 # -------------------------------------------------------------------------------------------------------- operator
 class OperatorAction(IntEnum):
     """Parameter 1 of COMMAND_LONG 31010 (MAV_CMD_USER_1)."""

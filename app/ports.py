@@ -18,6 +18,7 @@ from app.messages import (
     LandingTarget,
     OperatorCommand,
     OperatorText,
+    ParameterFinding,
     Setpoint,
     VehicleState,
 )
@@ -79,6 +80,11 @@ class Camera(Port, Protocol):
 
 class Autopilot(Port, Protocol):
     """PX4. Opening connects and raises AutopilotError when no autopilot answers on the address."""
+
+    @property
+    def parameter_findings(self) -> tuple[ParameterFinding, ...]:
+        """PX4's failsafe parameters that are not as they have to be, critical ones first. Known once it is open."""
+        ...
 
     def states(self) -> AsyncIterator[VehicleState]:
         """The newest state, each time the attitude is updated, and at least twice a second with connected=False."""

@@ -56,7 +56,7 @@ from app.tasks.control import run_control
 from app.tasks.detection import run_detection
 from app.tasks.exposure import run_exposure
 from app.tasks.mission import MissionQueues, MissionSettings, run_mission
-from app.tasks.operator import run_operator
+from app.tasks.operator import parameter_texts, run_operator
 from app.tasks.pose import FixMaker, run_pose
 from app.tasks.recorder import Recorded, Thinned, run_recorder
 from app.tasks.telemetry import run_telemetry
@@ -208,6 +208,8 @@ class Application:
         commands = self.commands.subscribe_all()
         answers = self._answers
         texts = self.texts.subscribe_all()
+        for text in parameter_texts(autopilot.parameter_findings):
+            self.texts.publish(text)
         queues = MissionQueues(
             vehicle=self.vehicle.subscribe(),
             tracks=self.tracks.subscribe(),

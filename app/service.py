@@ -7,6 +7,7 @@ import shutil
 import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 
 from rich.console import Console
@@ -16,7 +17,7 @@ from app.errors import AlightError, ConfigError
 from app.flying import Plan, fly
 from app.log import get_logger
 from app.systemd import Watchdog
-from app.wiring import Rig, check_operator, make_camera, make_links
+from app.wiring import PARAMETERS, Rig, check_operator, make_camera, make_links
 
 log = get_logger("service")
 
@@ -25,8 +26,17 @@ REVIEW_S = 120.0
 FREE_MIN_GB = 0.5
 """A record with images at their full rate grows by 1 to 2 GB an hour."""
 
-Finding = tuple[str, bool, str]
-"""(part, whether it is a fault, what was found)."""
+
+class Verdict(StrEnum):
+    """What `alight check` writes before each line."""
+
+    OK = "ok"
+    NOTE = "note"
+    FAULT = "FAULT"
+
+
+Finding = tuple[str, Verdict, str]
+"""(part, verdict, what was found)."""
 
 
 def run_rig(rig: Rig, out: Path | None, once: bool, console: Console) -> None:
@@ -86,24 +96,25 @@ async def check_rig(rig: Rig, seconds: float) -> list[Finding]:
     found: list[Finding] = [
         (
             "files",
-            False,
+            Verdict.OK,
             f"{rig.path}: landmark {rig.landmark.name} ({rig.landmark.code}), {rig.lens_config.model} lens",
         )
     ]
-    parts: list[tuple[str, Callable[[Rig, float], Awaitable[str]]]] = [
+    parts: list[tuple[str, Callable[[Rig, float], Awaitable[str | list[Finding]]]]] = [
         ("record", _check_record),
         ("autopilot", _check_autopilot),
         ("phone", _check_phone),
     ]
     if rig.config.camera.driver == "synthetic":
-        found.append(("camera", False, "synthetic: rendered by the simulator when it flies"))
+        found.append(("camera", Verdict.OK, "synthetic: rendered by the simulator when it flies"))
     else:
         parts.insert(0, ("camera", _check_camera))
     for name, look in parts:
         try:
-            found.append((name, False, await look(rig, seconds)))
+            told = await look(rig, seconds)
+            found += [(name, Verdict.OK, told)] if isinstance(told, str) else told
         except AlightError as error:
-            found.append((name, True, str(error)))
+            found.append((name, Verdict.FAULT, str(error)))
     return found
 
 
@@ -134,8 +145,10 @@ async def _check_record(rig: Rig, seconds: float) -> str:
     return f"{directory}: {free_gb:.1f} GB free"
 
 
-async def _check_autopilot(rig: Rig, seconds: float) -> str:
+async def _check_autopilot(rig: Rig, seconds: float) -> list[Finding]:
+    """The link and PX4's parameters. A difference is a fault where the rig requires the parameters to match."""
     autopilot, _ = make_links(rig)
+    config = rig.config.autopilot
     states, ready = 0, False
     async with autopilot:
         end_s = time.monotonic() + seconds
@@ -144,11 +157,19 @@ async def _check_autopilot(rig: Rig, seconds: float) -> str:
             ready = state.armable
             if time.monotonic() > end_s:
                 break
-    rate = states / seconds
-    if rate < 0.5 * rig.config.autopilot.telemetry_rate_hz:
-        wanted = rig.config.autopilot.telemetry_rate_hz
-        raise AlightError(f"{rate:.0f} states a second instead of {wanted:g}", "raise the link's baud rate")
-    return f"{rig.config.autopilot.address}: {rate:.0f} states a second, {'ready' if ready else 'not ready'} to arm"
+        differing = autopilot.parameter_findings
+    rate, wanted = states / seconds, config.telemetry_rate_hz
+    told = f"{config.address}: {rate:.0f} states a second, {'ready' if ready else 'not ready'} to arm"
+    found: list[Finding] = [("autopilot", Verdict.OK, told)]
+    if rate < 0.5 * wanted:
+        found = [("autopilot", Verdict.FAULT, f"{told}; {wanted:g} are wanted: raise the link's baud rate")]
+    verdict = Verdict.FAULT if config.check_parameters == "refuse" else Verdict.NOTE
+    found += [("parameters", verdict, finding.words) for finding in differing]
+    if config.check_parameters == "off":
+        found.append(("parameters", Verdict.NOTE, "not compared: autopilot.check_parameters is off"))
+    elif not differing:
+        found.append(("parameters", Verdict.OK, f"PX4's failsafes are set as {PARAMETERS} says"))
+    return found
 
 
 async def _check_phone(rig: Rig, seconds: float) -> str:

@@ -24,6 +24,7 @@ from app.vision.camera_model import Lens, lens_from_config
 from app.vision.detector import Detector
 from app.vision.exposure import ExposureSteering
 from drivers.autopilot.px4_mavsdk import Px4Autopilot
+from drivers.autopilot.px4_param_file import ParameterCheck, read_wanted
 from drivers.camera.images import open_sources
 from drivers.camera.opencv import OpenCvCamera
 from drivers.camera.picamera import PiCamera
@@ -54,6 +55,7 @@ __all__ = [
     "make_links",
     "open_camera",
     "open_sources",
+    "parameter_check",
     "read_landmark",
     "read_lens",
     "tell",
@@ -61,6 +63,9 @@ __all__ = [
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 """The configurations that ship."""
+PARAMETERS = "deploy/px4/alight.params"
+PARAMETERS_ON_TOP = ("deploy/px4/alight-moving-pad.params",)
+"""PX4's parameters that ship, and those that may be loaded on top of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +203,27 @@ def open_camera(what: str) -> Camera:
 
 
 def make_links(rig: Rig) -> tuple[Autopilot, OperatorLink]:
-    """The rig's autopilot and the phone, neither open yet; the phone's is opened after the autopilot's."""
-    autopilot = Px4Autopilot(rig.config.autopilot)
+    """The rig's autopilot and the phone, neither open yet; the phone's is opened after the autopilot's.
+
+    Raises:
+        ConfigError: PX4's parameters that ship are not here.
+    """
+    autopilot = Px4Autopilot(rig.config.autopilot, parameter_check(rig))
     return autopilot, MavlinkOperator(rig.config.operator, autopilot)
+
+
+def parameter_check(rig: Rig) -> ParameterCheck | None:
+    """What PX4's failsafe parameters are compared with; None if the rig switches that off.
+
+    Raises:
+        ConfigError: The parameters that ship are not here.
+    """
+    wanted = rig.config.autopilot.check_parameters
+    if wanted == "off":
+        return None
+    project = CONFIGS.parent
+    parameters = read_wanted(project / PARAMETERS, *(project / name for name in PARAMETERS_ON_TOP))
+    return ParameterCheck(PARAMETERS, parameters, rig.config.safety, must_match=wanted == "refuse")
 
 
 def check_operator(rig: Rig) -> None:

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 
 from app.channels import Events, Topic
 from app.errors import OperatorError
 from app.log import get_logger
-from app.messages import CommandAnswer, OperatorCommand, OperatorText
+from app.messages import CommandAnswer, OperatorCommand, OperatorText, ParameterFinding, Severity
 from app.ports import OperatorLink
 
 log = get_logger("operator")
+
+
+def parameter_texts(findings: Sequence[ParameterFinding]) -> list[OperatorText]:
+    """What the phone is told of PX4's parameters at the start: each critical one, and how many others there are."""
+    texts = [OperatorText(finding.brief, Severity.CRITICAL) for finding in findings if finding.critical]
+    others = len(findings) - len(texts)
+    if others:
+        texts.append(OperatorText(f"PX4 parameters differ: {others}, run alight check", Severity.WARNING))
+    return texts
 
 
 async def run_operator(

@@ -12,6 +12,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import aclosing
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -22,7 +23,14 @@ from app.channels import Latest
 from app.config import AutopilotConfig
 from app.errors import AutopilotError
 from app.log import get_logger
-from app.messages import AutopilotAction, CommandResult, LandingTarget, Setpoint, VehicleState
+from app.messages import (
+    AutopilotAction,
+    CommandResult,
+    LandingTarget,
+    ParameterFinding,
+    Setpoint,
+    VehicleState,
+)
 from app.ports import always
 from drivers.autopilot.command_channel import SENDS, CommandChannel, NoAnswerError
 from drivers.autopilot.px4_commands import (
@@ -32,6 +40,8 @@ from drivers.autopilot.px4_commands import (
     landing_target_fields,
     setpoint_fields,
 )
+from drivers.autopilot.px4_param_file import ParameterCheck
+from drivers.autopilot.px4_params import Px4Parameters
 from drivers.autopilot.px4_words import AUTOPILOT_COMPONENT, Px4Words
 from drivers.autopilot.setpoint_channel import CLOSE_MAX_S, SetpointChannel
 from drivers.autopilot.telemetry import NAMES, VehicleTelemetry
@@ -55,17 +65,19 @@ class Px4Autopilot:
 
     Args:
         config: Address, rates and time limits.
+        check: What PX4's parameters have to be; None: they are not read.
 
     Attributes:
         setpoints: How they leave; counts those sent and dropped.
         targets: The same of landing targets.
     """
 
-    def __init__(self, config: AutopilotConfig) -> None:
+    def __init__(self, config: AutopilotConfig, check: ParameterCheck | None = None) -> None:
         self._config = config
         self._telemetry = VehicleTelemetry()
         self._session = MavsdkSession(config.address, 1, AutopilotError)
-        self._commands = CommandChannel(self._send_command)
+        self._commands = CommandChannel(partial(self._send, "COMMAND_LONG"))
+        self._parameters = Px4Parameters(check, self._request_parameter)
         self._direct: Any = None
         self._words: Px4Words | None = None
         self._background: asyncio.Task[None] | None = None
@@ -89,9 +101,14 @@ class Px4Autopilot:
         """MAVLink system id of the drone, which is ours too; known once open."""
         return self._session.system_id
 
+    @property
+    def parameter_findings(self) -> tuple[ParameterFinding, ...]:
+        """PX4's failsafe parameters that are not as they have to be, critical ones first; of the newest reading."""
+        return self._parameters.findings
+
     # ----------------------------------------------------------------------------------------------- open and close
     async def __aenter__(self) -> Self:
-        """Connect, ask for the telemetry rates, and wait for the first attitudes.
+        """Connect, ask for the telemetry rates and PX4's failsafe parameters, and wait for the first attitudes.
 
         Raises:
             AutopilotError: The address can't work, no autopilot answers, or it sends no attitude.
@@ -133,6 +150,7 @@ class Px4Autopilot:
                 f"{self._config.address}: system {self.system_id} answers but sends no attitude",
                 "wait until its estimator runs, and see that its MAVLink instance is in mode Onboard",
             ) from None
+        await self._parameters.wait_until_read()
 
     async def _find(self, deadline_s: float) -> Any:
         await self._session.open()
@@ -198,6 +216,8 @@ class Px4Autopilot:
             for name in NAMES:
                 group.create_task(self._read(name), name=f"autopilot-{name}")
             group.create_task(self._read_acks(), name="autopilot-acks")
+            values = messages(self._direct, "PARAM_VALUE")
+            group.create_task(self._parameters.run(values, self.system_id), name="autopilot-parameters")
             group.create_task(words.run(), name="autopilot-words")
             group.create_task(self._watch(), name="autopilot-watch")
             group.create_task(self._keep_rates(), name="autopilot-rates")
@@ -232,6 +252,7 @@ class Px4Autopilot:
             if self._telemetry.clock.restarts != restarts or (connected and not was_connected):
                 restarts = self._telemetry.clock.restarts
                 self._rates_wanted.set()
+                self._parameters.read_again()
             newest_s = self._newest.t_capture_s if self._newest is not None else now_s
             if now_s - newest_s > QUIET_S or not connected:
                 self._publish_again(connected=connected)
@@ -315,6 +336,8 @@ class Px4Autopilot:
             AutopilotError: PX4 refused (with its words), gave no answer in time, or the link is closed.
         """
         self._open_direct()
+        if action is AutopilotAction.ARM and (reason := self._parameters.reason_not_to_arm()):
+            raise AutopilotError(f"PX4's failsafe parameters: {reason}", "load deploy/px4/alight.params into PX4")
         start_s = time.monotonic()
         fields = command_of(action, self.system_id, self._takeoff_amsl_m(action, height_m, start_s))
         try:
@@ -364,16 +387,20 @@ class Px4Autopilot:
         known = {r.value: r.name for r in CommandResult}
         return known.get(result, f"MAV_RESULT {result}")
 
-    async def _send_command(self, fields: Mapping[str, Any]) -> None:
-        message = MavlinkMessage("COMMAND_LONG", 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(dict(fields)))
-        sending = asyncio.create_task(self._open_direct().send_message(message), name="autopilot-command")
+    async def _request_parameter(self, name: str) -> None:
+        target = {"target_system": self.system_id, "target_component": AUTOPILOT_COMPONENT}
+        await self._send("PARAM_REQUEST_READ", {**target, "param_id": name, "param_index": -1})
+
+    async def _send(self, name: str, fields: Mapping[str, Any]) -> None:
+        message = MavlinkMessage(name, 0, 0, self.system_id, AUTOPILOT_COMPONENT, encode(dict(fields)))
+        sending = asyncio.create_task(self._open_direct().send_message(message), name="autopilot-send")
         self._sending.add(sending)
         sending.add_done_callback(self._sent)
         try:
             await asyncio.shield(sending)  # its thread can't be cancelled
         except MavlinkDirectError as fault:
             # Not an end: it is sent again, and a link that stays down shows as no answer.
-            _log.debug("command.not_sent", command=fields["command"], fault=fault.result.name)
+            _log.debug("message.not_sent", name=name, command=fields.get("command"), fault=fault.result.name)
 
     def _sent(self, sending: asyncio.Task[None]) -> None:
         self._sending.discard(sending)

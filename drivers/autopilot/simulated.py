@@ -14,7 +14,7 @@ import numpy as np
 
 from app.channels import Latest
 from app.errors import AutopilotError
-from app.messages import AutopilotAction, FlightMode, LandingTarget, Setpoint, VehicleState
+from app.messages import AutopilotAction, FlightMode, LandingTarget, ParameterFinding, Setpoint, VehicleState
 from app.ports import always
 from drivers.simulator.commander import Result
 from drivers.simulator.controller import NO_VECTOR, Demand
@@ -59,6 +59,11 @@ class SimulatedAutopilot:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Nothing to release."""
+
+    @property
+    def parameter_findings(self) -> tuple[ParameterFinding, ...]:
+        """None: the world sets its parameters itself."""
+        return ()
 
     async def states(self) -> AsyncIterator[VehicleState]:
         """The newest state at each turn of the world."""

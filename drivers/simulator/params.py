@@ -1,4 +1,4 @@
-"""The few parameters of PX4 that the simulated flight controller reads, with PX4's own names, types and defaults."""
+"""Parameters of the simulated flight controller, with PX4's own names, types and defaults for a multicopter."""
 
 from __future__ import annotations
 
@@ -49,14 +49,38 @@ DEFAULTS: dict[str, float | int] = {
     "NAV_MC_ALT_RAD": 0.8,
     "RTL_RETURN_ALT": 30.0,
 }
-"""A float's default is written with a point; an int is an INT32 on the link."""
+"""Those that it flies by. A float's default is written with a point; an int is an INT32 on the link."""
+
+NO_EFFECT: dict[str, float | int] = {
+    "BAT_CRIT_THR": 0.07,
+    "BAT_EMERGEN_THR": 0.05,
+    "BAT_LOW_THR": 0.15,
+    "CBRK_FLIGHTTERM": 121212,
+    "COM_FAIL_ACT_T": 5.0,
+    "COM_LKDOWN_TKO": 3.0,
+    "COM_LOW_BAT_ACT": 0,
+    "COM_POSCTL_NAVL": 0,
+    "COM_RCL_EXCEPT": 0,
+    "COM_RC_LOSS_T": 0.5,
+    "COM_RC_STICK_OV": 30.0,
+    "GF_ACTION": 2,
+    "GF_MAX_HOR_DIST": 0.0,
+    "GF_MAX_VER_DIST": 0.0,
+    "NAV_DLL_ACT": 0,
+    "NAV_RCL_ACT": 2,
+    "RTL_CONE_ANG": 45,
+    "RTL_DESCEND_ALT": 10.0,
+    "RTL_LAND_DELAY": 0.0,
+    "RTL_TYPE": 0,
+}
+"""Those that Alight reads back and a ground station may set, of failsafes that it does not have."""
 
 
 class Params:
     """Values by name. Setting an unknown name is refused; a name keeps its type."""
 
     def __init__(self) -> None:
-        self._values = dict(DEFAULTS)
+        self._values = DEFAULTS | NO_EFFECT
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]

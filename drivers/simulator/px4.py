@@ -15,7 +15,7 @@ from drivers.simulator.commander import Commander, Result
 from drivers.simulator.controller import Demand, Limits, PositionController, attitude_rates
 from drivers.simulator.estimate import Estimate, Estimator
 from drivers.simulator.land_detector import LandDetector, LandInputs
-from drivers.simulator.params import Params
+from drivers.simulator.params import DEFAULTS, Params
 from drivers.simulator.plant import GRAVITY_M_S2, Plant
 from drivers.simulator.trajectory import GROUND, AutoFlight
 
@@ -58,11 +58,12 @@ class Px4:
     ) -> None:
         self.params = Params()
         for name, value in (parameters or {}).items():
-            if not self.params.set(name, value):
+            if name not in DEFAULTS:
                 raise ConfigError(
                     f"parameters.{name} = {value:g}: the simulated PX4 has no such parameter",
-                    f"it has {', '.join(self.params.names())}",
+                    f"it has {', '.join(DEFAULTS)}",
                 )
+            self.params.set(name, value)
         # PX4 estimates its hover thrust in flight (MPC_USE_HTE); here it is known from the start.
         self.params.set("MPC_THR_HOVER", plant.airframe.hover_thrust)
         self.commander = Commander(self.params)

@@ -13,6 +13,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import aclosing
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
@@ -22,6 +24,8 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
 from app.config import PadMotionConfig, WorldConfig
+from app.service import Verdict, check_rig
+from app.wiring import Rig, load_shipped_rig, parameter_check
 from drivers.simulator.endpoint import Endpoint
 from drivers.simulator.world import STEP_S, World
 
@@ -110,3 +114,42 @@ async def test_simulated_px4_flown_by_mavsdk_takes_off_obeys_velocities_and_land
                     break
     assert hangar.world.plant.crashed is None
     assert [contact.kind for contact in hangar.world.contacts] == ["touchdown", "rest"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "verdict"), [("refuse", Verdict.FAULT), ("warn", Verdict.NOTE)], ids=["refuse", "warn"]
+)
+async def test_check_tells_each_parameter_of_px4_that_differs(
+    hangar: Hangar, tmp_path: Path, mode: str, verdict: Verdict
+) -> None:
+    found = await check_rig(_rig(hangar, tmp_path, mode), 0.5)
+    told = {words.split()[0]: (verdict, words) for part, verdict, words in found if part == "parameters"}
+    # What PX4's own defaults lack of deploy/px4/alight.params, and nothing else.
+    assert sorted(told) == [
+        "BAT_CRIT_THR", "BAT_EMERGEN_THR", "BAT_LOW_THR", "COM_DISARM_LAND", "COM_DISARM_PRFLT", "COM_LOW_BAT_ACT",
+        "COM_OF_LOSS_T", "COM_RC_IN_MODE", "COM_RC_OVERRIDE", "GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST",
+        "RTL_CONE_ANG", "RTL_RETURN_ALT",
+    ]  # fmt: skip
+    assert {v for v, _ in told.values()} == {verdict}
+    assert told["COM_LOW_BAT_ACT"][1].startswith("COM_LOW_BAT_ACT is 0, deploy/px4/alight.params says 3: Battery")
+
+
+async def test_check_of_a_px4_with_the_shipped_parameters_finds_them_right(hangar: Hangar, tmp_path: Path) -> None:
+    rig = _rig(hangar, tmp_path, "refuse")
+    check = parameter_check(rig)
+    assert check is not None
+    for wanted in check.wanted:
+        assert hangar.world.px4.params.set(wanted.name, wanted.value)
+    found = [(verdict, words) for part, verdict, words in await check_rig(rig, 0.5) if part == "parameters"]
+    assert found == [(Verdict.OK, "PX4's failsafes are set as deploy/px4/alight.params says")]
+
+
+def _rig(hangar: Hangar, folder: Path, mode: str) -> Rig:
+    rig = load_shipped_rig("sitl.toml")
+    autopilot = rig.config.autopilot.model_copy(
+        update={"address": f"udpin://127.0.0.1:{hangar.port}", "check_parameters": mode}
+    )
+    recorder = rig.config.recorder.model_copy(update={"directory": str(folder)})
+    operator = rig.config.operator.model_copy(update={"address": ""})
+    update = {"autopilot": autopilot, "recorder": recorder, "operator": operator}
+    return replace(rig, config=rig.config.model_copy(update=update))

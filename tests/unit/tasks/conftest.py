@@ -24,6 +24,7 @@ from app.messages import (
     OperatorCommand,
     OperatorText,
     PadTrack,
+    ParameterFinding,
     Setpoint,
     VehicleState,
 )
@@ -72,6 +73,7 @@ class FakeAutopilot(FakePort):
         self.takes_s = 0.02
         self.send_takes_s = 0.0
         self.states_end_s = float("inf")
+        self.parameter_findings: tuple[ParameterFinding, ...] = ()
 
     async def states(self) -> AsyncIterator[VehicleState]:
         while CLOCK.now_s() < self.states_end_s:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -29,13 +30,15 @@ from app.messages import (
     OperatorCommand,
     OperatorText,
     PadTrack,
+    ParameterFinding,
     Phase,
+    Severity,
     TrackCheck,
     VehicleState,
 )
 from app.tasks.actions import ActionRequest, run_actions
 from app.tasks.mission import MissionQueues, MissionSettings, run_mission
-from app.tasks.operator import run_operator
+from app.tasks.operator import parameter_texts, run_operator
 
 SETTINGS = MissionSettings(MissionConfig(), EstimationConfig(), SafetyConfig())
 
@@ -273,3 +276,13 @@ def test_operator_whose_phone_is_out_of_reach_goes_on(fakes: Any):
 
     link = run_virtual(main())
     assert (link.answers, link.texts) == ([CommandAnswer(1, CommandResult.ACCEPTED)], ["found"])
+
+
+def test_phone_is_told_each_critical_parameter_and_how_many_others_differ():
+    finding = partial(ParameterFinding, words="", brief="COM_OF_LOSS_T is 2, must be 0.5")
+    texts = parameter_texts([finding("A", critical=True), finding("B", critical=False), finding("C", critical=False)])
+    assert [(text.text, text.severity) for text in texts] == [
+        ("COM_OF_LOSS_T is 2, must be 0.5", Severity.CRITICAL),
+        ("PX4 parameters differ: 2, run alight check", Severity.WARNING),
+    ]
+    assert parameter_texts([]) == []

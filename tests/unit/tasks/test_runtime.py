@@ -26,6 +26,7 @@ from app.messages import (
     MissionReport,
     OperatorAction,
     OperatorCommand,
+    ParameterFinding,
     Phase,
 )
 from app.runtime import Application, Parts
@@ -158,6 +159,17 @@ def test_stop_with_nothing_to_steer_asks_for_nothing(fakes: Any):
 
     bench, outcome = fly(fakes, scenario)
     assert (outcome, bench.asked(), bench.autopilot.setpoints) == (None, [], [])
+
+
+def test_start_tells_the_phone_of_px4s_parameters_that_differ(fakes: Any):
+    async def scenario(bench: Bench, run: asyncio.Task[None]) -> None:
+        bench.autopilot.parameter_findings = (
+            ParameterFinding("COM_OBL_RC_ACT", "all of it", "COM_OBL_RC_ACT is 0, must be 5", critical=True),
+        )
+        await asyncio.sleep(1.0)
+        bench.application.stop()
+
+    assert "COM_OBL_RC_ACT is 0, must be 5" in fly(fakes, scenario)[0].operator.texts
 
 
 def test_stop_when_the_pilot_has_just_taken_over_takes_nothing_from_him(fakes: Any):
